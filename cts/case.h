@@ -1,0 +1,108 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Cases, and what they may use.
+ *
+ * A family is one file in cts/cases/ that ends in a table of cases; cts/cases/families.def names the files. A
+ * case makes scenes and rays and hands them to gn_case_trace(), which builds, traces, judges and counts. Most
+ * cases share one function and differ in `params`.
+ */
+#ifndef GNOMON_CTS_CASE_H
+#define GNOMON_CTS_CASE_H
+
+#include "cts/arena.h"
+#include "cts/device.h"
+#include "cts/random.h"
+#include "cts/scene.h"
+
+enum gn_case_status {
+    GN_CASE_PASS,
+    GN_CASE_FAIL,
+    GN_CASE_LEAK,
+    GN_CASE_SKIP,
+    GN_CASE_CRASH,
+    GN_CASE_TIMEOUT,
+    GN_CASE_ERROR,
+    GN_CASE_STATUS_COUNT
+};
+/* "pass", "fail", "leak", "skip", "crash", "timeout", "error". */
+const char *gn_case_status_name(enum gn_case_status status);
+
+struct gn_case_run;
+
+struct gn_case {
+    const char *name; /* without the backend: "flags.cull_back"; the part before the first dot is the family */
+    const char *spec; /* what it is evidence for: a sentence of our own and where the specification says it */
+    void (*run)(struct gn_case_run *run, const struct gn_case *self);
+    const void *params;
+    uint64_t value; /* for families that need one number rather than params */
+};
+
+struct gn_case_family {
+    const char *name;
+    const struct gn_case *cases;
+    size_t case_count;
+};
+
+/* All families, in the order of families.def. */
+extern const struct gn_case_family *const gn_case_families[];
+extern const size_t gn_case_family_count;
+
+/* The first ray that was judged worst, and what is needed to show it. */
+struct gn_case_offender {
+    uint32_t trace; /* which gn_case_trace() of the case */
+    uint32_t ray_index;
+    struct gn_cts_ray ray;
+    struct gn_ref_answer answer;
+    struct gn_ref_verdict verdict;
+};
+
+/* What a case has come to; filled by the functions below, read by the runner and the reports. */
+struct gn_case_result {
+    enum gn_case_status status;
+    char message[1024]; /* why not pass: the first offending ray, the driver's answer, the right one */
+    double seconds;
+    uint64_t rays;
+    uint64_t ideal_hits;
+    uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
+    double hit_error_median, hit_error_p999, hit_error_max; /* units of 2^-24, over hits */
+    double margin_max;
+    bool has_offender;
+    struct gn_case_offender offender;
+    /* One byte per ray of the trace with the offender (or of the first): enum gn_ref_verdict_class, plus 0x80
+     * where the ideal answer is a miss. image_width x image_height, in ray order. */
+    uint8_t *image;
+    uint32_t image_width, image_height;
+};
+
+struct gn_case_run {
+    struct gn_device *device;
+    struct gn_arena arena; /* finished when the case is over */
+    struct gn_random random; /* seeded by the run's seed and the case's name */
+    double scale; /* multiplies ray counts; 1 unless asked for by --scale */
+    struct gn_case_result result;
+    /* Replay: only this ray of this trace is explained; -1 otherwise. */
+    int64_t only_trace;
+    int64_t only_ray;
+    uint32_t trace_count;
+    struct gn_case_samples *samples; /* of hit errors; owned by judge.c */
+};
+
+/*
+ * Builds the scene, traces the rays, judges every answer and adds to the result. `width` is how many rays make
+ * a row of the picture (0: a square).
+ */
+void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                   const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width);
+
+/* Ends the case as skipped, with the reason; the first reason counts. The caller returns after it. */
+void gn_case_skip(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* Fails the case with a message that states both values; the first message is kept. */
+void gn_case_fail(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/* Runs one case in this process, from zeroed result to final status. */
+void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
+                     int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run);
+void gn_case_run_finish(struct gn_case_run *run);
+
+#endif

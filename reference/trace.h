@@ -1,0 +1,105 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Exact answers: which primitives a ray meets, in which order. */
+#ifndef GNOMON_REFERENCE_TRACE_H
+#define GNOMON_REFERENCE_TRACE_H
+
+#include "reference/scene.h"
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* The values are those of SPIR-V's Ray Flags. */
+enum {
+    GN_REF_RAY_OPAQUE = 0x1,
+    GN_REF_RAY_NO_OPAQUE = 0x2,
+    GN_REF_RAY_TERMINATE_ON_FIRST_HIT = 0x4,
+    GN_REF_RAY_SKIP_CLOSEST_HIT_SHADER = 0x8,
+    GN_REF_RAY_CULL_BACK_FACING = 0x10,
+    GN_REF_RAY_CULL_FRONT_FACING = 0x20,
+    GN_REF_RAY_CULL_OPAQUE = 0x40,
+    GN_REF_RAY_CULL_NO_OPAQUE = 0x80,
+    GN_REF_RAY_SKIP_TRIANGLES = 0x100,
+    GN_REF_RAY_SKIP_AABBS = 0x200,
+};
+
+/*
+ * Finite origin and direction, direction not zero, 0 <= tmin <= tmax, neither NaN; tmax may be +inf.
+ * Only the low 8 bits of cull_mask count.
+ */
+struct gn_ref_ray {
+    float origin[3];
+    float tmin;
+    float direction[3];
+    float tmax;
+    uint32_t flags;
+    uint32_t cull_mask;
+};
+
+/*
+ * One primitive met by a ray.
+ *
+ * Triangles: t and the barycentrics of the second and third vertex, each with an absolute error of at most
+ * 2^-40 times the largest of its own magnitude and (for the barycentrics) 1. `front` is the facing as the
+ * API defines it, after instance flags.
+ *
+ * AABBs: t and t_exit are the ends of the ray's stay inside the box, not clipped by tmin and tmax (t may be
+ * negative); beta and gamma are 0.
+ */
+struct gn_ref_hit {
+    enum gn_ref_geometry_type type;
+    uint32_t instance;
+    uint32_t geometry;
+    uint32_t primitive;
+    double t;
+    double t_exit;
+    double beta;
+    double gamma;
+    bool front;
+    bool opaque; /* after geometry, instance and ray flags */
+};
+
+/*
+ * Everything a ray meets that its mask, culling and skip flags admit, decided exactly:
+ *
+ * - a triangle when the ray's line meets the closed triangle (its boundary included) and tmin < t < tmax;
+ *   an edge-on or degenerate triangle never;
+ * - an AABB when the closed box meets the ray's closed range [tmin, tmax].
+ *
+ * In the order of exact t (of AABBs: the entry clipped to tmin), ties in the order of instance, geometry,
+ * primitive. TERMINATE_ON_FIRST_HIT has no influence. At most `capacity` are written, the nearest ones; the
+ * number found is returned. -1 when memory is short or the ray is not valid.
+ *
+ * Thread-safe on a committed scene.
+ */
+int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                               struct gn_ref_hit *out_hits, size_t capacity);
+
+/*
+ * The first triangle of that list and 1, or 0 when the list has no triangle; -1 as above. Opaque or not makes
+ * no difference here. Faster than the list.
+ */
+int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                                        struct gn_ref_hit *out_hit);
+
+/*
+ * Compares the exact t of two triangles (named by instance, geometry and primitive) along a ray whose line is
+ * not parallel to either: -1, 0 or 1.
+ */
+int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                           const struct gn_ref_hit *a, const struct gn_ref_hit *b);
+
+/*
+ * How often the f64 filter decided, how often exact arithmetic had to: for tests and reports. Process-wide
+ * counters, updated without synchronisation cost; approximate while threads run.
+ */
+struct gn_ref_trace_counters {
+    uint64_t filtered;
+    uint64_t exact;
+};
+struct gn_ref_trace_counters gn_ref_trace_counters(void);
+
+#ifdef __cplusplus
+}
+#endif
+#endif
