@@ -49,32 +49,59 @@ struct gn_ref_policy {
 struct gn_ref_verdict {
     enum gn_ref_verdict_class cls;
     bool ideal_hit; /* whether the ideal answer is a hit */
-    struct gn_ref_hit ideal; /* the nearest ideal hit, when ideal_hit */
-    double hit_error; /* units of 2^-24; 0 on a miss */
+    struct gn_ref_hit ideal; /* the nearest ideal hit, when ideal_hit; of an AABB, t is the generated one */
+    double hit_error; /* of the reported hit, in units of 2^-24; 0 on a miss */
+    double hit_bound; /* what hit_error is held against: the bound times the conditioning of the hit */
     double margin; /* the largest margin of a decision that differs from the ideal one; 0 when none does */
     char reason[320]; /* why, for people: which primitive, which decision, what was expected; "" when exact */
 };
 
-/* The bound, in units of 2^-24, for hit errors and margins. Derived in docs/numerics.md. */
+/* The bound k, in units of 2^-24, for margins and for hit errors of well-conditioned hits. */
 double gn_ref_verdict_bound(void);
+
+/* A judge of answers on one committed scene, which has to outlive it. Any number of threads may judge. */
+struct gn_ref_judge;
+struct gn_ref_judge *gn_ref_judge_create(const struct gn_ref_scene *scene); /* NULL when memory is short */
+void gn_ref_judge_destroy(struct gn_ref_judge *judge);
 
 /*
  * Judges a committed (closest) hit; with TERMINATE_ON_FIRST_HIT in the ray's flags any hit will do. False
- * when memory is short or the ray is not valid. Thread-safe on a committed scene.
+ * when memory is short or the ray is not valid.
  */
-bool gn_ref_verdict_committed(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
-                              const struct gn_ref_policy *policy, const struct gn_ref_answer *answer,
-                              struct gn_ref_verdict *out);
+bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
+                            const struct gn_ref_policy *policy, const struct gn_ref_answer *answer,
+                            struct gn_ref_verdict *out);
 
 /*
  * Judges the list of candidates that an implementation presented for a ray none of which was confirmed:
  * every ideal one has to be there, none that is certainly missed, opaque triangles not at all (they are
- * committed), and a primitive of a NO_DUPLICATE geometry at most once. The order does not matter. `committed`
- * is the committed (opaque) hit of the same query: candidates beyond it may be absent.
+ * committed), a primitive of a NO_DUPLICATE geometry at most once, and one crossing of a shared edge or vertex
+ * at most once. The order does not matter. `committed` is the committed (opaque) hit of the same query, to be
+ * judged on its own: candidates beyond it may be absent. False as above.
  */
-bool gn_ref_verdict_candidates(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
-                               const struct gn_ref_answer *candidates, size_t candidate_count,
-                               const struct gn_ref_answer *committed, struct gn_ref_verdict *out);
+bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
+                             const struct gn_ref_answer *candidates, size_t candidate_count,
+                             const struct gn_ref_answer *committed, struct gn_ref_verdict *out);
+
+/*
+ * The ray in the object space of an instance, and the sizes that its errors are measured by: an implementation's
+ * object_origin[i] is right within bound * 2^-24 * size_origin[i], and so on. Matrices are 3 rows of 4.
+ */
+struct gn_ref_object_ray {
+    double object_from_world[12], size_object_from_world[12];
+    double origin[3], size_origin[3];
+    double direction[3], size_direction[3];
+};
+bool gn_ref_judge_object_ray(const struct gn_ref_judge *judge, const struct gn_ref_ray *ray, uint32_t instance,
+                             struct gn_ref_object_ray *out);
+
+/*
+ * The vertices of a triangle in object space (after the geometry transform), and their sizes. False when there
+ * is no such triangle. `out_exact` tells that the vertices are the application's f32 values, without rounding.
+ */
+bool gn_ref_judge_vertices(const struct gn_ref_judge *judge, uint32_t instance, uint32_t geometry,
+                           uint32_t primitive, double out_vertices[3][3], double out_sizes[3][3],
+                           bool *out_exact);
 
 #ifdef __cplusplus
 }
