@@ -26,7 +26,7 @@
 static const double bound = 24;
 
 /* Fans with more triangles than this are not followed; the loss then counts as a gap, never as a leak. */
-enum { FLOOD_LIMIT = 65536 };
+enum { FLOOD_LIMIT = 4096 };
 
 double gn_ref_verdict_bound(void)
 {

@@ -1,0 +1,455 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Runs a case: the same scene on the driver and in the reference, every answer judged, everything counted. */
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include <xxhash.h>
+
+#include "cts/case.h"
+
+/* Hit errors of a case, for the distribution. */
+struct gn_case_samples {
+    float *values;
+    size_t count, capacity;
+};
+
+const char *gn_case_status_name(enum gn_case_status status)
+{
+    static const char *const names[] = {"pass", "fail", "leak", "skip", "crash", "timeout", "error"};
+    return status < GN_CASE_STATUS_COUNT ? names[status] : "unknown";
+}
+
+/* The first message of the worst status is kept. */
+static void status_raise(struct gn_case_run *run, enum gn_case_status status, const char *format, va_list arguments)
+{
+    static const int rank[GN_CASE_STATUS_COUNT] = {
+        [GN_CASE_PASS] = 0, [GN_CASE_SKIP] = 1,    [GN_CASE_LEAK] = 2, [GN_CASE_FAIL] = 3,
+        [GN_CASE_ERROR] = 4, [GN_CASE_TIMEOUT] = 5, [GN_CASE_CRASH] = 6};
+    if (rank[status] <= rank[run->result.status])
+        return;
+    run->result.status = status;
+    vsnprintf(run->result.message, sizeof run->result.message, format, arguments);
+}
+
+void gn_case_skip(struct gn_case_run *run, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    status_raise(run, GN_CASE_SKIP, format, arguments);
+    va_end(arguments);
+}
+
+void gn_case_fail(struct gn_case_run *run, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    status_raise(run, GN_CASE_FAIL, format, arguments);
+    va_end(arguments);
+}
+
+static void case_error(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
+static void case_error(struct gn_case_run *run, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    status_raise(run, GN_CASE_ERROR, format, arguments);
+    va_end(arguments);
+}
+
+static void case_leak(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
+static void case_leak(struct gn_case_run *run, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    status_raise(run, GN_CASE_LEAK, format, arguments);
+    va_end(arguments);
+}
+
+static bool device_answered(struct gn_case_run *run, enum gn_device_status status)
+{
+    switch (status) {
+    case GN_DEVICE_OK:
+        return true;
+    case GN_DEVICE_UNSUPPORTED:
+        gn_case_skip(run, "%s", gn_device_message(run->device));
+        break;
+    case GN_DEVICE_FAILED:
+    case GN_DEVICE_LOST:
+        case_error(run, "%s", gn_device_message(run->device));
+        break;
+    }
+    return false;
+}
+
+static struct gn_ref_scene *reference_scene(struct gn_case_run *run, const struct gn_cts_scene *scene)
+{
+    struct gn_ref_scene *reference = gn_ref_scene_create();
+    if (!reference)
+        goto fail;
+    for (uint32_t b = 0; b < scene->blas_count; b++) {
+        const struct gn_cts_blas *blas = &scene->blases[b];
+        struct gn_ref_geometry *geometries = GN_NEW(&run->arena, struct gn_ref_geometry, blas->geometry_count);
+        for (uint32_t g = 0; g < blas->geometry_count; g++) {
+            const struct gn_cts_geometry *source = &blas->geometries[g];
+            struct gn_ref_geometry *geometry = &geometries[g];
+            geometry->type = source->type;
+            geometry->flags = source->flags;
+            geometry->divisor = 1;
+            if (source->type == GN_REF_AABBS) {
+                geometry->primitive_count = source->aabb_count;
+                geometry->aabbs = source->aabbs;
+                continue;
+            }
+            geometry->primitive_count = source->triangle_count;
+            geometry->position_count = source->position_count;
+            geometry->triangles = source->triangles;
+            geometry->transform = source->transform;
+            if (!gn_geometry_decoded_positions(source, &run->arena, &geometry->positions, &geometry->divisor)) {
+                case_error(run, "BLAS %u, geometry %u: no exact values for vertex format %d", b, g,
+                           (int)source->vertex_format);
+                goto fail;
+            }
+        }
+        uint32_t index;
+        if (!gn_ref_scene_add_blas(reference, geometries, blas->geometry_count, &index))
+            goto fail;
+    }
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
+        const struct gn_cts_instance *source = &scene->instances[i];
+        struct gn_ref_instance instance = {
+            .custom_index = source->custom_index,
+            .mask = source->mask,
+            .sbt_offset = source->sbt_offset,
+            .flags = source->flags,
+            .blas = source->blas == GN_CTS_NO_BLAS ? GN_REF_NULL_BLAS : source->blas,
+        };
+        memcpy(instance.transform, source->transform, sizeof instance.transform);
+        if (!gn_ref_scene_add_instance(reference, &instance))
+            goto fail;
+    }
+    if (!gn_ref_scene_commit(reference))
+        goto fail;
+    return reference;
+fail:
+    case_error(run, "the reference cannot take the scene: %s",
+               reference ? gn_ref_scene_error(reference) : "out of memory");
+    gn_ref_scene_destroy(reference);
+    return NULL;
+}
+
+/* Makes a passing verdict a wrong one, with a reason. */
+static void verdict_wrong(struct gn_ref_verdict *verdict, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
+static void verdict_wrong(struct gn_ref_verdict *verdict, const char *format, ...)
+{
+    if (verdict->cls == GN_REF_WRONG)
+        return;
+    va_list arguments;
+    va_start(arguments, format);
+    verdict->cls = GN_REF_WRONG;
+    vsnprintf(verdict->reason, sizeof verdict->reason, format, arguments);
+    va_end(arguments);
+}
+
+/* The worst ratio of difference to unit times size, and where. */
+static double worst_error(const float *found, const double *expected, const double *sizes, int count, int *out_at)
+{
+    double worst = 0;
+    *out_at = 0;
+    for (int i = 0; i < count; i++) {
+        double error = fabs((double)found[i] - expected[i]) / (0x1p-24 * sizes[i]);
+        if (!(error <= worst)) {
+            worst = error;
+            *out_at = i;
+        }
+    }
+    return worst;
+}
+
+static void judge_detail(struct gn_ref_judge *judge, const struct gn_ref_scene *reference,
+                         const struct gn_cts_ray *ray, const struct gn_ref_answer *answer,
+                         const struct gn_cts_detail *detail, struct gn_ref_verdict *verdict)
+{
+    /* What is copied has no tolerance. Comparing values lets -0 stand for 0. */
+    for (int i = 0; i < 3; i++) {
+        if (detail->world_origin[i] != ray->ray.origin[i])
+            verdict_wrong(verdict, "world ray origin[%d] reads back as %.9g, given was %.9g", i,
+                          (double)detail->world_origin[i], (double)ray->ray.origin[i]);
+        if (detail->world_direction[i] != ray->ray.direction[i])
+            verdict_wrong(verdict, "world ray direction[%d] reads back as %.9g, given was %.9g", i,
+                          (double)detail->world_direction[i], (double)ray->ray.direction[i]);
+    }
+    if (detail->tmin != ray->ray.tmin)
+        verdict_wrong(verdict, "tmin reads back as %.9g, given was %.9g", (double)detail->tmin,
+                      (double)ray->ray.tmin);
+    if (detail->flags != ray->ray.flags)
+        verdict_wrong(verdict, "ray flags read back as 0x%X, given were 0x%X", detail->flags, ray->ray.flags);
+    if (answer->kind == GN_REF_ANSWER_NONE)
+        return;
+    struct gn_ref_object_ray object;
+    const struct gn_ref_instance *instance = gn_ref_scene_instance(reference, answer->instance);
+    if (!instance || !gn_ref_judge_object_ray(judge, &ray->ray, answer->instance, &object))
+        return; /* the committed verdict has said so */
+    for (int i = 0; i < 12; i++)
+        if (detail->world_from_object[i] != instance->transform[i])
+            verdict_wrong(verdict, "object-to-world row %d column %d reads back as %.9g, the instance has %.9g",
+                          i / 4, i % 4, (double)detail->world_from_object[i], (double)instance->transform[i]);
+    int at;
+    double bound = gn_ref_verdict_bound(), error;
+    error = worst_error(detail->object_from_world, object.object_from_world, object.size_object_from_world, 12, &at);
+    if (!(error <= bound))
+        verdict_wrong(verdict,
+                      "world-to-object row %d column %d reads back as %.9g, ideal is %.9g: %.3g units (the bound "
+                      "is %g)",
+                      at / 4, at % 4, (double)detail->object_from_world[at], object.object_from_world[at], error,
+                      bound);
+    error = worst_error(detail->object_origin, object.origin, object.size_origin, 3, &at);
+    if (!(error <= bound))
+        verdict_wrong(verdict, "object ray origin[%d] reads back as %.9g, ideal is %.9g: %.3g units (the bound is %g)",
+                      at, (double)detail->object_origin[at], object.origin[at], error, bound);
+    error = worst_error(detail->object_direction, object.direction, object.size_direction, 3, &at);
+    if (!(error <= bound))
+        verdict_wrong(verdict,
+                      "object ray direction[%d] reads back as %.9g, ideal is %.9g: %.3g units (the bound is %g)", at,
+                      (double)detail->object_direction[at], object.direction[at], error, bound);
+}
+
+static void judge_positions(struct gn_ref_judge *judge, const struct gn_ref_answer *answer, const float found[9],
+                            struct gn_ref_verdict *verdict)
+{
+    /* A matrix times a vector in f32, in any order of operations: three products, three sums. */
+    const double position_bound = 6;
+    double vertices[3][3], sizes[3][3];
+    bool exact;
+    int at;
+    if (answer->kind != GN_REF_ANSWER_TRIANGLE ||
+        !gn_ref_judge_vertices(judge, answer->instance, answer->geometry, answer->primitive, vertices, sizes, &exact))
+        return;
+    double error = worst_error(found, &vertices[0][0], &sizes[0][0], 9, &at);
+    if (exact ? error != 0 : !(error <= position_bound))
+        verdict_wrong(verdict,
+                      "vertex %d component %d of triangle %u reads back as %.9g, %s is %.9g: %.3g units (the bound "
+                      "is %g)",
+                      at / 3, at % 3, answer->primitive, (double)found[at], exact ? "given" : "ideal",
+                      (&vertices[0][0])[at], error, exact ? 0.0 : position_bound);
+}
+
+static void sample_add(struct gn_case_run *run, double value)
+{
+    struct gn_case_samples *samples = run->samples;
+    if (samples->count == samples->capacity) {
+        size_t capacity = samples->capacity ? 2 * samples->capacity : 4096;
+        float *grown = realloc(samples->values, capacity * sizeof *grown);
+        if (!grown)
+            return; /* the distribution then covers what came before */
+        samples->values = grown;
+        samples->capacity = capacity;
+    }
+    samples->values[samples->count++] = (float)value;
+}
+
+static void image_begin(struct gn_case_run *run, uint32_t ray_count, uint32_t width)
+{
+    struct gn_case_result *result = &run->result;
+    free(result->image);
+    result->image = NULL;
+    if (!width)
+        width = (uint32_t)ceil(sqrt((double)ray_count));
+    uint32_t height = (ray_count + width - 1) / width;
+    result->image = malloc((size_t)width * height);
+    if (!result->image)
+        return;
+    memset(result->image, 0xFF, (size_t)width * height); /* 0xFF: no ray */
+    result->image_width = width;
+    result->image_height = height;
+}
+
+static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const struct gn_ref_scene *reference,
+                      enum gn_cts_program program, const struct gn_cts_ray *rays, uint32_t i,
+                      const struct gn_cts_answers *answers, bool keep_image)
+{
+    struct gn_case_result *result = &run->result;
+    const struct gn_cts_ray *ray = &rays[i];
+    const struct gn_ref_answer *answer = &answers->committed[i];
+    struct gn_ref_policy policy = ray->policy;
+    struct gn_ref_verdict verdict;
+    if (program == GN_CTS_CANDIDATES)
+        policy.confirm_mask = policy.generate_mask = 0;
+    if (!gn_ref_judge_committed(judge, &ray->ray, &policy, answer, &verdict)) {
+        case_error(run, "the reference cannot judge ray %u: invalid ray or out of memory", i);
+        return;
+    }
+    double hit_error = verdict.hit_error;
+    if (program == GN_CTS_CANDIDATES) {
+        const struct gn_cts_candidates *candidates = &answers->candidates[i];
+        struct gn_ref_verdict listed;
+        if (candidates->count > GN_CTS_MAX_CANDIDATES) {
+            case_error(run, "ray %u met %u candidates, more than the %d that are recorded", i, candidates->count,
+                       GN_CTS_MAX_CANDIDATES);
+            return;
+        }
+        if (!gn_ref_judge_candidates(judge, &ray->ray, candidates->list, candidates->count, answer, &listed)) {
+            case_error(run, "the reference cannot judge ray %u: invalid ray or out of memory", i);
+            return;
+        }
+        if (!verdict.ideal_hit)
+            verdict.ideal = listed.ideal;
+        verdict.ideal_hit |= listed.ideal_hit;
+        if (listed.cls > verdict.cls) {
+            verdict.cls = listed.cls;
+            memcpy(verdict.reason, listed.reason, sizeof verdict.reason);
+        }
+        verdict.margin = fmax(verdict.margin, listed.margin);
+        for (uint32_t c = 0; c < candidates->count; c++)
+            hit_error = fmax(hit_error, listed.hit_error);
+    }
+    if (program == GN_CTS_DETAIL)
+        judge_detail(judge, reference, ray, answer, &answers->details[i], &verdict);
+    if (program == GN_CTS_POSITIONS)
+        judge_positions(judge, answer, answers->positions[i], &verdict);
+
+    result->rays++;
+    result->ideal_hits += verdict.ideal_hit;
+    result->class_counts[verdict.cls]++;
+    if (answer->kind == GN_REF_ANSWER_TRIANGLE)
+        sample_add(run, hit_error);
+    if (verdict.cls < GN_REF_GAP && verdict.margin > result->margin_max)
+        result->margin_max = verdict.margin;
+    if (keep_image && result->image)
+        result->image[i] = (uint8_t)(verdict.cls | (verdict.ideal_hit ? 0 : 0x80));
+
+    bool bad = verdict.cls >= GN_REF_LEAK;
+    bool selected = run->only_ray >= 0;
+    if (selected || (bad && (!result->has_offender || verdict.cls > result->offender.verdict.cls))) {
+        result->has_offender = true;
+        result->offender = (struct gn_case_offender){.trace = run->trace_count,
+                                                     .ray_index = i,
+                                                     .ray = *ray,
+                                                     .answer = *answer,
+                                                     .verdict = verdict};
+    }
+}
+
+void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                   const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width)
+{
+    struct gn_case_result *result = &run->result;
+    struct gn_ref_scene *reference = NULL;
+    struct gn_ref_judge *judge = NULL;
+    struct gn_built_scene *built = NULL;
+    struct gn_cts_answers answers = {0};
+    struct gn_arena arena = {0};
+    uint32_t first = 0, end = ray_count;
+    if (result->status == GN_CASE_ERROR || (run->only_trace >= 0 && run->only_trace != run->trace_count))
+        goto done;
+    if (run->only_ray >= 0) {
+        if (run->only_ray >= ray_count) {
+            case_error(run, "trace %u has %u rays: there is no ray %lld", run->trace_count, ray_count,
+                       (long long)run->only_ray);
+            goto done;
+        }
+        first = (uint32_t)run->only_ray;
+        end = first + 1;
+    }
+    if (!device_answered(run, gn_scene_build(run->device, scene, &built)) ||
+        !device_answered(run, gn_scene_trace(built, program, rays + first, end - first, &arena, &answers)))
+        goto done;
+    reference = reference_scene(run, scene);
+    if (!reference)
+        goto done;
+    judge = gn_ref_judge_create(reference);
+    if (!judge) {
+        case_error(run, "out of memory for the judge");
+        goto done;
+    }
+    /* The picture is of the first trace until one has a worse answer. */
+    enum gn_ref_verdict_class before = result->has_offender ? result->offender.verdict.cls : GN_REF_EXACT;
+    uint8_t *old_image = result->image;
+    uint32_t old_width = result->image_width, old_height = result->image_height;
+    result->image = NULL;
+    if (run->only_ray < 0)
+        image_begin(run, ray_count, width);
+    /* The answers start at the first ray. */
+    for (uint32_t i = 0; i < end - first; i++)
+        judge_ray(run, judge, reference, program, rays + first, i, &answers, run->only_ray < 0);
+    if (run->only_ray >= 0 && result->has_offender)
+        result->offender.ray_index = first;
+    if (old_image && !(result->has_offender && result->offender.verdict.cls > before)) {
+        free(result->image);
+        result->image = old_image;
+        result->image_width = old_width;
+        result->image_height = old_height;
+    } else {
+        free(old_image);
+    }
+done:
+    run->trace_count++;
+    gn_ref_judge_destroy(judge);
+    gn_ref_scene_destroy(reference);
+    gn_built_scene_destroy(built);
+    gn_arena_finish(&arena);
+}
+
+static int float_compare(const void *left, const void *right)
+{
+    float a = *(const float *)left, b = *(const float *)right;
+    return a < b ? -1 : a > b;
+}
+
+static void result_finish(struct gn_case_run *run)
+{
+    struct gn_case_result *result = &run->result;
+    struct gn_case_samples *samples = run->samples;
+    if (samples->count) {
+        qsort(samples->values, samples->count, sizeof *samples->values, float_compare);
+        size_t last = samples->count - 1;
+        result->hit_error_median = (double)samples->values[last / 2];
+        result->hit_error_p999 = (double)samples->values[(size_t)((double)last * 0.999)];
+        result->hit_error_max = (double)samples->values[last];
+    }
+    const struct gn_case_offender *offender = &result->offender;
+    uint64_t wrong = result->class_counts[GN_REF_WRONG];
+    uint64_t leaks = result->class_counts[GN_REF_LEAK] + result->class_counts[GN_REF_DOUBLE_HIT];
+    if (wrong)
+        gn_case_fail(run, "%llu of %llu rays wrong; ray %u of trace %u %s", (unsigned long long)wrong,
+                     (unsigned long long)result->rays, offender->ray_index, offender->trace,
+                     offender->verdict.reason);
+    else if (leaks)
+        case_leak(run, "%llu of %llu rays leak; ray %u of trace %u %s", (unsigned long long)leaks,
+                  (unsigned long long)result->rays, offender->ray_index, offender->trace,
+                  offender->verdict.reason);
+    else if (result->status == GN_CASE_PASS && !result->rays)
+        case_error(run, "the case traced no ray");
+}
+
+void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
+                     int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run)
+{
+    struct timespec begin, end;
+    struct gn_case_samples samples = {0};
+    memset(out_run, 0, sizeof *out_run);
+    out_run->device = device;
+    out_run->scale = scale;
+    out_run->only_trace = only_trace;
+    out_run->only_ray = only_ray;
+    out_run->random.state = XXH64(self->name, strlen(self->name), seed);
+    out_run->samples = &samples;
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    self->run(out_run, self);
+    result_finish(out_run);
+    clock_gettime(CLOCK_MONOTONIC, &end);
+    out_run->result.seconds = (double)(end.tv_sec - begin.tv_sec) + 1e-9 * (double)(end.tv_nsec - begin.tv_nsec);
+    out_run->samples = NULL;
+    free(samples.values);
+}
+
+void gn_case_run_finish(struct gn_case_run *run)
+{
+    free(run->result.image);
+    run->result.image = NULL;
+    gn_arena_finish(&run->arena);
+}
