@@ -51,12 +51,12 @@ static double hexagon[7][3] = {{0, 0, 0},  {2, 0, 0},   {1, 2, 0}, {-1, 2, 0},
                                {-2, 0, 0}, {-1, -2, 0}, {1, -2, 0}};
 static const uint32_t hexagon_triangles[6][3] = {{0, 1, 2}, {0, 2, 3}, {0, 3, 4}, {0, 4, 5}, {0, 5, 6}, {0, 6, 1}};
 
-static struct gn_ref_geometry hexagon_geometry(const double positions[7][3], uint32_t triangle_count)
+static struct gn_ref_geometry hexagon_geometry(double (*positions)[3], uint32_t triangle_count)
 {
     return (struct gn_ref_geometry){.type = GN_REF_TRIANGLES,
                                     .flags = GN_REF_GEOMETRY_OPAQUE,
                                     .primitive_count = triangle_count,
-                                    .positions = positions,
+                                    .positions = (const double(*)[3])positions,
                                     .position_count = 7,
                                     .divisor = 1,
                                     .triangles = hexagon_triangles};
