@@ -1,0 +1,196 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the files of the Vulkan harness share. Nothing outside cts/device*.c includes it, but for its tests. */
+#ifndef GNOMON_CTS_DEVICE_INTERNAL_H
+#define GNOMON_CTS_DEVICE_INTERNAL_H
+
+#include "cts/device.h"
+
+/* Commands of extensions: fetched from the device, because the loader exports the core's only. */
+#define GN_DEVICE_COMMANDS(X) \
+    X(CreateAccelerationStructureKHR) \
+    X(DestroyAccelerationStructureKHR) \
+    X(GetAccelerationStructureBuildSizesKHR) \
+    X(GetAccelerationStructureDeviceAddressKHR) \
+    X(GetDeviceAccelerationStructureCompatibilityKHR) \
+    X(CmdBuildAccelerationStructuresKHR) \
+    X(CmdCopyAccelerationStructureKHR) \
+    X(CmdCopyAccelerationStructureToMemoryKHR) \
+    X(CmdCopyMemoryToAccelerationStructureKHR) \
+    X(CmdWriteAccelerationStructuresPropertiesKHR)
+
+/* Memory */
+
+enum gn_memory_kind {
+    GN_MEMORY_INPUT, /* build inputs; the host writes them */
+    GN_MEMORY_STRUCTURE, /* acceleration structures; on the device */
+    GN_MEMORY_SCRATCH, /* on the device */
+    GN_MEMORY_HOST, /* serialized structures, rays, answers; the host reads and writes them */
+    GN_MEMORY_KIND_COUNT
+};
+
+/* A piece of a pool. */
+struct gn_memory {
+    VkBuffer buffer;
+    VkDeviceSize offset; /* in the buffer */
+    VkDeviceSize size;
+    VkDeviceAddress address;
+    uint8_t *mapped; /* NULL where the host cannot see it */
+};
+
+struct gn_memory_chunk;
+
+/* Pieces are taken one after another out of few large buffers; they come back all at once. */
+struct gn_pool {
+    enum gn_memory_kind kind;
+    struct gn_memory_chunk *last;
+    VkDeviceSize bytes; /* handed out */
+};
+
+/* `alignment` is a power of two; it holds for the device address (of structures: for the offset). */
+enum gn_device_status gn_pool_take(struct gn_device *device, struct gn_pool *pool, VkDeviceSize size,
+                                   VkDeviceSize alignment, struct gn_memory *out_memory);
+/* Overwrites everything handed out of a pool that the host sees. */
+void gn_pool_poison(struct gn_pool *pool);
+void gn_pool_finish(struct gn_device *device, struct gn_pool *pool);
+
+/* The device */
+
+struct gn_program {
+    VkShaderModule module;
+    VkPipeline pipeline;
+};
+
+/* Buffers of rays and answers for one chunk; kept from trace to trace. */
+struct gn_trace_buffers {
+    struct gn_pool pool;
+    struct gn_memory rays, committed, extra;
+};
+
+struct gn_device {
+    VkInstance instance;
+    VkPhysicalDevice physical;
+    VkDevice handle;
+    VkQueue queue;
+    uint32_t queue_family;
+    VkCommandPool command_pool;
+    VkCommandBuffer commands;
+    VkFence fence;
+    VkPhysicalDeviceMemoryProperties memory;
+    VkDeviceSize max_allocation;
+    struct gn_device_info info;
+    char message[1024];
+    bool lost; /* or stuck: nothing is waited for or destroyed any more */
+
+#define X(name) PFN_vk##name name;
+    GN_DEVICE_COMMANDS(X)
+#undef X
+
+    VkDebugUtilsMessengerEXT messenger;
+    uint64_t validation_count;
+    char validation_first[1024];
+
+    VkDescriptorSetLayout set_layout;
+    VkDescriptorPool descriptor_pool;
+    VkDescriptorSet descriptors;
+    VkPipelineLayout pipeline_layout;
+    struct gn_program programs[GN_CTS_PROGRAM_COUNT];
+    struct gn_trace_buffers trace;
+};
+
+/* Keeps the message and gives the status back, for `return gn_device_fail(...)`. */
+enum gn_device_status gn_device_fail(struct gn_device *device, enum gn_device_status status, const char *format,
+                                     ...) __attribute__((format(printf, 3, 4)));
+
+/*
+ * What a VkResult means: a lost device is LOST; a lack of device memory is UNSUPPORTED, because the scene is
+ * too large for this device; other errors are FAILED. `what` is the call.
+ */
+enum gn_device_status gn_device_check(struct gn_device *device, VkResult result, const char *what);
+
+/* Begins the device's only command buffer. */
+enum gn_device_status gn_device_begin(struct gn_device *device);
+/* Everything before it is finished and visible to everything after it. */
+void gn_device_barrier(struct gn_device *device);
+/* Ends, submits and waits; what the device wrote is then visible to the host. */
+enum gn_device_status gn_device_submit(struct gn_device *device);
+
+double gn_seconds_now(void);
+
+/*
+ * Warnings and errors that layers (Khronos' validation, Gnomon's own) have reported on this device since it
+ * was made, and the text of the first; "" when there was none.
+ */
+uint64_t gn_device_validation_count(const struct gn_device *device);
+const char *gn_device_validation_first(const struct gn_device *device);
+
+/* Acceleration structures (cts/device_structure.c) */
+
+/* The memory pattern that structures and scratch are filled with. */
+#define GN_POISON_WORD 0xDEADFACEu
+
+/* One set of build inputs: what vkCmdBuild takes. */
+struct gn_build_input {
+    VkAccelerationStructureGeometryKHR *geometries;
+    VkAccelerationStructureBuildRangeInfoKHR *ranges;
+};
+
+/* A BLAS or a TLAS on its way through its builds and steps. */
+struct gn_structure {
+    VkAccelerationStructureTypeKHR type;
+    bool generic;
+    VkBuildAccelerationStructureFlagsKHR flags;
+    uint32_t geometry_count;
+    const uint32_t *primitive_counts; /* per geometry */
+    struct gn_build_input initial, final; /* the first build's, and every later one's */
+    const uint8_t *steps;
+
+    VkAccelerationStructureKHR handle;
+    struct gn_memory memory;
+    VkDeviceSize size;
+    VkDeviceAddress address;
+    VkDeviceSize size_before_compaction;
+    VkAccelerationStructureBuildSizesInfoKHR sizes;
+    struct gn_memory scratch;
+
+    /* While a step copies: */
+    VkAccelerationStructureKHR source;
+    struct gn_memory source_memory;
+    struct gn_memory serialized;
+    VkDeviceSize queried_size;
+    bool compacted;
+};
+
+/* Whether a step that takes the final data follows, so that the first build takes the initial data. */
+bool gn_steps_take_final(const uint8_t *steps);
+
+struct gn_structure_pools {
+    struct gn_pool *structures, *scratch, *serialized;
+    struct gn_pool *initial; /* what only the first builds read; overwritten once they are over */
+};
+
+/*
+ * Builds all of them and takes all their steps. `blas_addresses` are what a serialized TLAS may refer to. On failure the structures hold what has to be destroyed with
+ * gn_structures_finish(), as they do on success.
+ */
+enum gn_device_status gn_structures_build(struct gn_device *device, const struct gn_structure_pools *pools,
+                                          struct gn_structure *structures, uint32_t count, bool separate_builds,
+                                          const VkDeviceAddress *blas_addresses, uint32_t blas_count);
+void gn_structures_finish(struct gn_device *device, struct gn_structure *structures, uint32_t count);
+
+/* Scenes (cts/device_scene.c) */
+
+struct gn_built_scene {
+    struct gn_device *device;
+    const struct gn_cts_scene *scene;
+    struct gn_arena arena; /* descriptions of builds */
+    struct gn_pool initial, inputs, storage, scratch, serialized;
+    struct gn_structure *blases;
+    uint32_t blas_count;
+    struct gn_structure tlas;
+    struct gn_built_info info;
+};
+
+/* Frees the programs and buffers that traces have made. */
+void gn_trace_finish(struct gn_device *device);
+
+#endif

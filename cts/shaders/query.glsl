@@ -1,0 +1,134 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * What the programs share: the buffers, the questions about a hit, the loop that decides about candidates.
+ *
+ * The layout of the buffers is that of struct gpu_ray in cts/device_trace.c and of the answers in
+ * reference/verdict.h and cts/scene.h: scalars only, so that std430 and C agree.
+ */
+#extension GL_EXT_ray_query : require
+
+layout(local_size_x = 64) in;
+
+const uint NOTHING = 0, TRIANGLE = 1, GENERATED = 2, UNFINISHED = 3;
+
+/* A driver that never says that it is done must not hang the device. */
+const uint MAX_STEPS = 1u << 20;
+
+struct Ray {
+    float origin_x, origin_y, origin_z, tmin;
+    float direction_x, direction_y, direction_z, tmax;
+    uint flags, cull_mask, confirm_mask, generate_mask;
+    float generate_t0, generate_step;
+    uint unused_0, unused_1;
+};
+
+struct Answer {
+    uint kind;
+    uint instance, geometry, primitive;
+    uint custom_index, sbt_offset;
+    uint front;
+    float t;
+    float beta, gamma;
+};
+
+layout(set = 0, binding = 0) uniform accelerationStructureEXT scene;
+layout(set = 0, binding = 1, std430) readonly buffer Rays { Ray rays[]; };
+layout(set = 0, binding = 2, std430) writeonly buffer Committed { Answer committed[]; };
+layout(push_constant) uniform Constants { uint ray_count; };
+
+rayQueryEXT query;
+
+Answer answer_nothing()
+{
+    return Answer(NOTHING, 0, 0, 0, 0, 0, 0, 0.0, 0.0, 0.0);
+}
+
+/* Only what is defined for the kind of hit is asked for. */
+Answer answer_committed()
+{
+    Answer answer = answer_nothing();
+    const uint type = rayQueryGetIntersectionTypeEXT(query, true);
+    if (type == gl_RayQueryCommittedIntersectionNoneEXT) {
+        return answer;
+    }
+    answer.instance = rayQueryGetIntersectionInstanceIdEXT(query, true);
+    answer.geometry = rayQueryGetIntersectionGeometryIndexEXT(query, true);
+    answer.primitive = rayQueryGetIntersectionPrimitiveIndexEXT(query, true);
+    answer.custom_index = rayQueryGetIntersectionInstanceCustomIndexEXT(query, true);
+    answer.sbt_offset = rayQueryGetIntersectionInstanceShaderBindingTableRecordOffsetEXT(query, true);
+    answer.t = rayQueryGetIntersectionTEXT(query, true);
+    if (type == gl_RayQueryCommittedIntersectionTriangleEXT) {
+        const vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, true);
+        answer.kind = TRIANGLE;
+        answer.front = rayQueryGetIntersectionFrontFaceEXT(query, true) ? 1 : 0;
+        answer.beta = barycentrics.x;
+        answer.gamma = barycentrics.y;
+    } else {
+        answer.kind = GENERATED;
+    }
+    return answer;
+}
+
+Answer answer_candidate()
+{
+    Answer answer = answer_nothing();
+    answer.instance = rayQueryGetIntersectionInstanceIdEXT(query, false);
+    answer.geometry = rayQueryGetIntersectionGeometryIndexEXT(query, false);
+    answer.primitive = rayQueryGetIntersectionPrimitiveIndexEXT(query, false);
+    answer.custom_index = rayQueryGetIntersectionInstanceCustomIndexEXT(query, false);
+    answer.sbt_offset = rayQueryGetIntersectionInstanceShaderBindingTableRecordOffsetEXT(query, false);
+    if (rayQueryGetIntersectionTypeEXT(query, false) == gl_RayQueryCandidateIntersectionTriangleEXT) {
+        const vec2 barycentrics = rayQueryGetIntersectionBarycentricsEXT(query, false);
+        answer.kind = TRIANGLE;
+        answer.t = rayQueryGetIntersectionTEXT(query, false);
+        answer.front = rayQueryGetIntersectionFrontFaceEXT(query, false) ? 1 : 0;
+        answer.beta = barycentrics.x;
+        answer.gamma = barycentrics.y;
+    } else {
+        answer.kind = GENERATED;
+    }
+    return answer;
+}
+
+void query_begin(Ray ray)
+{
+    rayQueryInitializeEXT(query, scene, ray.flags, ray.cull_mask, vec3(ray.origin_x, ray.origin_y, ray.origin_z),
+                          ray.tmin, vec3(ray.direction_x, ray.direction_y, ray.direction_z), ray.tmax);
+}
+
+/* Decides about the candidate at hand as the ray's policy says. */
+void candidate_decide(Ray ray)
+{
+    const uint primitive = rayQueryGetIntersectionPrimitiveIndexEXT(query, false);
+    const uint bit = 1u << (primitive & 31u);
+    if (rayQueryGetIntersectionTypeEXT(query, false) == gl_RayQueryCandidateIntersectionTriangleEXT) {
+        if ((ray.confirm_mask & bit) != 0) {
+            rayQueryConfirmIntersectionEXT(query);
+        }
+        return;
+    }
+    if ((ray.generate_mask & bit) == 0) {
+        return;
+    }
+    float closest = ray.tmax;
+    if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionNoneEXT) {
+        closest = rayQueryGetIntersectionTEXT(query, true);
+    }
+    precise const float t = ray.generate_t0 + ray.generate_step * float(primitive);
+    /* Outside this range the result of generating a hit is undefined. */
+    if (t >= ray.tmin && t <= closest) {
+        rayQueryGenerateIntersectionEXT(query, t);
+    }
+}
+
+/* False when the driver did not come to an end. */
+bool query_decide_all(Ray ray)
+{
+    for (uint steps = 0; steps < MAX_STEPS; steps++) {
+        if (!rayQueryProceedEXT(query)) {
+            return true;
+        }
+        candidate_decide(ray);
+    }
+    return false;
+}
