@@ -1,0 +1,553 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The scene model: what is added is checked and copied; commit places every active primitive in the world. */
+#include "reference/scene.h"
+
+#include <math.h>
+#include <stdarg.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "reference/scene_internal.h"
+
+/* Of all instances together. Keeps every index of the tree below its leaf bit. */
+#define MAX_PRIMITIVES (UINT32_C(1) << 30)
+
+static bool __attribute__((format(printf, 2, 3))) fail(struct gn_ref_scene *scene, const char *format, ...)
+{
+    va_list arguments;
+    va_start(arguments, format);
+    vsnprintf(scene->error, sizeof scene->error, format, arguments);
+    va_end(arguments);
+    return false;
+}
+
+struct gn_ref_scene *gn_ref_scene_create(void)
+{
+    return calloc(1, sizeof(struct gn_ref_scene));
+}
+
+static void blas_finish(struct gn_ref_blas *blas)
+{
+    for (uint32_t g = 0; blas->geometries && g < blas->geometry_count; g++) {
+        struct gn_ref_geometry *geometry = &blas->geometries[g];
+        free((void *)geometry->positions);
+        free((void *)geometry->triangles);
+        free((void *)geometry->transform);
+        free((void *)geometry->aabbs);
+    }
+    free(blas->geometries);
+}
+
+void gn_ref_scene_destroy(struct gn_ref_scene *scene)
+{
+    if (!scene)
+        return;
+    for (uint32_t b = 0; b < scene->blas_count; b++)
+        blas_finish(&scene->blases[b]);
+    free(scene->blases);
+    free(scene->instances);
+    free(scene->instance_data);
+    free(scene->primitives);
+    gn_ref_bvh_finish(&scene->bvh);
+    free(scene);
+}
+
+const char *gn_ref_scene_error(const struct gn_ref_scene *scene)
+{
+    return scene->error;
+}
+
+/* Room for one more item. Doubling cannot overflow: counts are 32 bits, and GN_REF_NULL_BLAS is no index. */
+static bool reserve(void **items, uint32_t count, uint32_t *capacity, size_t item_size)
+{
+    if (count < *capacity)
+        return true;
+    if (count >= UINT32_MAX / 2)
+        return false;
+    uint32_t new_capacity = count ? count * 2 : 4;
+    if (new_capacity > SIZE_MAX / item_size)
+        return false;
+    void *memory = realloc(*items, new_capacity * item_size);
+    if (!memory)
+        return false;
+    *items = memory;
+    *capacity = new_capacity;
+    return true;
+}
+
+/* A copy, or NULL when memory is short. Never of zero bytes. */
+static void *copy(const void *source, uint32_t count, size_t item_size)
+{
+    if (count == 0 || count > SIZE_MAX / item_size)
+        return NULL;
+    void *memory = malloc(count * item_size);
+    if (memory)
+        memcpy(memory, source, count * item_size);
+    return memory;
+}
+
+static bool transform_check(struct gn_ref_scene *scene, const float *transform, const char *what, uint32_t index)
+{
+    for (int i = 0; i < 12; i++)
+        if (!isfinite(transform[i]))
+            return fail(scene, "%s %u: transform element [%d][%d] is %g, expected a finite number", what, index, i / 4,
+                        i % 4, transform[i]);
+    return true;
+}
+
+static bool triangle_inactive(const struct gn_ref_geometry *geometry, uint32_t triangle)
+{
+    const uint32_t *corners = geometry->triangles[triangle];
+    return isnan(geometry->positions[corners[0]][0]) || isnan(geometry->positions[corners[1]][0]) ||
+           isnan(geometry->positions[corners[2]][0]);
+}
+
+static bool geometry_check(struct gn_ref_scene *scene, const struct gn_ref_geometry *geometry, uint32_t index)
+{
+    if (geometry->flags & ~(uint32_t)(GN_REF_GEOMETRY_OPAQUE | GN_REF_GEOMETRY_NO_DUPLICATE))
+        return fail(scene, "geometry %u: flags are 0x%x, expected only bits of 0x3", index, geometry->flags);
+    if (geometry->primitive_count >= MAX_PRIMITIVES)
+        return fail(scene, "geometry %u: %u primitives, expected fewer than %u", index, geometry->primitive_count,
+                    MAX_PRIMITIVES);
+    if (geometry->type == GN_REF_AABBS) {
+        if (geometry->primitive_count > 0 && !geometry->aabbs)
+            return fail(scene, "geometry %u: aabbs is NULL, expected %u boxes", index, geometry->primitive_count);
+        for (uint32_t i = 0; i < geometry->primitive_count; i++) {
+            const float *box = geometry->aabbs[i];
+            for (int j = 0; j < 6 && !isnan(box[0]); j++)
+                if (!isfinite(box[j]))
+                    return fail(scene, "geometry %u: component %d of box %u is %g, expected a finite number "
+                                "(or NaN in min x, for an inactive box)", index, j, i, box[j]);
+        }
+        return true;
+    }
+    if (geometry->type != GN_REF_TRIANGLES)
+        return fail(scene, "geometry %u: type is %d, expected triangles (0) or AABBs (1)", index, (int)geometry->type);
+    if (!(geometry->divisor > 0) || isinf(geometry->divisor))
+        return fail(scene, "geometry %u: divisor is %g, expected a positive finite number", index, geometry->divisor);
+    if (geometry->transform && !transform_check(scene, geometry->transform, "geometry", index))
+        return false;
+    if (geometry->primitive_count == 0)
+        return true;
+    if (!geometry->triangles)
+        return fail(scene, "geometry %u: triangles is NULL, expected %u", index, geometry->primitive_count);
+    if (!geometry->positions || geometry->position_count == 0)
+        return fail(scene, "geometry %u: no positions for %u triangles", index, geometry->primitive_count);
+    for (uint32_t i = 0; i < geometry->primitive_count; i++) {
+        for (int j = 0; j < 3; j++)
+            if (geometry->triangles[i][j] >= geometry->position_count)
+                return fail(scene, "geometry %u: vertex %d of triangle %u is %u, expected less than %u", index, j, i,
+                            geometry->triangles[i][j], geometry->position_count);
+        if (triangle_inactive(geometry, i))
+            continue;
+        for (int j = 0; j < 3; j++)
+            for (int axis = 0; axis < 3; axis++) {
+                double value = geometry->positions[geometry->triangles[i][j]][axis];
+                if (!isfinite(value))
+                    return fail(scene, "geometry %u: %c of vertex %u (of triangle %u) is %g, expected a finite number "
+                                "(or NaN in x, for an inactive triangle)", index, "xyz"[axis],
+                                geometry->triangles[i][j], i, value);
+            }
+    }
+    return true;
+}
+
+static bool geometry_copy(struct gn_ref_geometry *out, const struct gn_ref_geometry *in)
+{
+    bool boxes = in->type == GN_REF_AABBS;
+    *out = (struct gn_ref_geometry){.type = in->type, .flags = in->flags, .primitive_count = in->primitive_count,
+                                    .divisor = boxes ? 1 : in->divisor};
+    if (!boxes && in->transform && !(out->transform = copy(in->transform, 12, sizeof(float))))
+        return false;
+    if (in->primitive_count == 0)
+        return true;
+    if (boxes)
+        return (out->aabbs = copy(in->aabbs, in->primitive_count, sizeof in->aabbs[0])) != NULL;
+    out->position_count = in->position_count;
+    return (out->positions = copy(in->positions, in->position_count, sizeof in->positions[0])) &&
+           (out->triangles = copy(in->triangles, in->primitive_count, sizeof in->triangles[0]));
+}
+
+bool gn_ref_scene_add_blas(struct gn_ref_scene *scene, const struct gn_ref_geometry *geometries,
+                           uint32_t geometry_count, uint32_t *out_blas)
+{
+    if (scene->committed)
+        return fail(scene, "a BLAS is added after the commit");
+    if (geometry_count > 0 && !geometries)
+        return fail(scene, "geometries is NULL, expected %u", geometry_count);
+    for (uint32_t g = 0; g < geometry_count; g++)
+        if (!geometry_check(scene, &geometries[g], g))
+            return false;
+    if (!reserve((void **)&scene->blases, scene->blas_count, &scene->blas_capacity, sizeof *scene->blases))
+        return fail(scene, "out of memory for BLAS %u", scene->blas_count);
+    struct gn_ref_blas blas = {.geometries = calloc(geometry_count ? geometry_count : 1, sizeof *blas.geometries),
+                               .geometry_count = geometry_count};
+    if (!blas.geometries)
+        return fail(scene, "out of memory for %u geometries", geometry_count);
+    for (uint32_t g = 0; g < geometry_count; g++)
+        if (!geometry_copy(&blas.geometries[g], &geometries[g])) {
+            blas_finish(&blas);
+            return fail(scene, "out of memory for geometry %u of %u primitives", g, geometries[g].primitive_count);
+        }
+    *out_blas = scene->blas_count;
+    scene->blases[scene->blas_count++] = blas;
+    return true;
+}
+
+bool gn_ref_scene_add_instance(struct gn_ref_scene *scene, const struct gn_ref_instance *instance)
+{
+    uint32_t index = scene->instance_count;
+    if (scene->committed)
+        return fail(scene, "an instance is added after the commit");
+    if (instance->blas != GN_REF_NULL_BLAS) {
+        if (instance->blas >= scene->blas_count)
+            return fail(scene, "instance %u: BLAS %u, expected less than %u", index, instance->blas, scene->blas_count);
+        if (!transform_check(scene, instance->transform, "instance", index))
+            return false;
+    }
+    if (instance->custom_index > 0xFFFFFF)
+        return fail(scene, "instance %u: custom index 0x%x, expected 24 bits", index, instance->custom_index);
+    if (instance->sbt_offset > 0xFFFFFF)
+        return fail(scene, "instance %u: SBT offset 0x%x, expected 24 bits", index, instance->sbt_offset);
+    if (instance->mask > 0xFF)
+        return fail(scene, "instance %u: mask 0x%x, expected 8 bits", index, instance->mask);
+    if (instance->flags & ~(uint32_t)0xF)
+        return fail(scene, "instance %u: flags 0x%x, expected only bits of 0xF", index, instance->flags);
+    uint32_t both = GN_REF_INSTANCE_FORCE_OPAQUE | GN_REF_INSTANCE_FORCE_NO_OPAQUE;
+    if ((instance->flags & both) == both)
+        return fail(scene, "instance %u: flags 0x%x force opaque and not opaque at once", index, instance->flags);
+    if (!reserve((void **)&scene->instances, index, &scene->instance_capacity, sizeof *scene->instances))
+        return fail(scene, "out of memory for instance %u", index);
+    scene->instances[scene->instance_count++] = *instance;
+    return true;
+}
+
+/* An f64 and the largest distance to the exact number it stands for; infinite when that is not known. */
+struct number {
+    double value;
+    double error;
+};
+
+/* Bounds of the errors are sums of a few rounded terms: this covers their own rounding. */
+#define SLACK (1 + 0x1p-48)
+/*
+ * A product or quotient at least this large has a rounding error that is an f64 itself and is found exactly by fma;
+ * and no error that is not zero becomes zero when it is carried on: the smallest, a rest of about 2^-664 divided by at
+ * most 2^60, is multiplied by two f32 of at least 2^-149 each. Products of three f32 are at least 2^-447.
+ */
+#define TAIL_EXACT 0x1p-500
+
+static struct number number_multiply(struct number a, double b)
+{
+    double value = a.value * b;
+    if (b == 0)
+        return (struct number){0, isfinite(a.error) ? 0 : INFINITY};
+    if (a.value == 0)
+        return (struct number){0, a.error * fabs(b) * SLACK};
+    if (!(fabs(value) >= TAIL_EXACT && fabs(value) <= 0x1p1000))
+        return (struct number){0, INFINITY};
+    return (struct number){value, (fabs(fma(a.value, b, -value)) + a.error * fabs(b)) * SLACK};
+}
+
+static struct number number_add(struct number a, struct number b)
+{
+    double sum = a.value + b.value;
+    if (!(fabs(sum) <= 0x1p1000))
+        return (struct number){0, INFINITY};
+    /* Knuth's TwoSum: the rounding error, exactly, short of overflow. */
+    double other = sum - a.value;
+    double tail = (a.value - (sum - other)) + (b.value - other);
+    return (struct number){sum, (fabs(tail) + a.error + b.error) * SLACK};
+}
+
+static struct number number_divide(double a, double b)
+{
+    double value = a / b;
+    if (a == 0)
+        return (struct number){0, 0};
+    if (!(fabs(value) >= TAIL_EXACT && fabs(value) <= 0x1p1000 && fabs(a) >= TAIL_EXACT && b >= 0x1p-60 && b <= 0x1p60))
+        return (struct number){0, INFINITY};
+    double rest = fma(-value, b, a);
+    return (struct number){value, fabs(rest / b) * SLACK};
+}
+
+static void point_transform(struct number point[3], const float transform[12])
+{
+    struct number out[3];
+    for (int row = 0; row < 3; row++) {
+        const float *m = transform + 4 * row;
+        out[row] = (struct number){m[3], 0};
+        for (int column = 0; column < 3; column++)
+            out[row] = number_add(out[row], number_multiply(point[column], m[column]));
+    }
+    memcpy(point, out, sizeof out);
+}
+
+static struct gn_ref_vertex vertex_place(const struct gn_ref_geometry *geometry, uint32_t index,
+                                         const float transform[12])
+{
+    struct number point[3];
+    for (int axis = 0; axis < 3; axis++)
+        point[axis] = number_divide(geometry->positions[index][axis], geometry->divisor);
+    if (geometry->transform)
+        point_transform(point, geometry->transform);
+    point_transform(point, transform);
+    struct gn_ref_vertex vertex;
+    vertex.error = fmax(point[0].error, fmax(point[1].error, point[2].error));
+    for (int axis = 0; axis < 3; axis++)
+        vertex.w[axis] = isfinite(vertex.error) ? point[axis].value : 0;
+    return vertex;
+}
+
+static float round_down(double value)
+{
+    float rounded = (float)value;
+    return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded;
+}
+
+static float round_up(double value)
+{
+    return -round_down(-value);
+}
+
+/* Extends the bounds by value +- error. */
+static void bounds_add(struct gn_ref_bounds *bounds, int axis, double value, double error)
+{
+    double lower = -INFINITY, upper = INFINITY;
+    if (error == 0) {
+        lower = upper = value;
+    } else if (isfinite(error)) {
+        lower = nextafter(value - error, -INFINITY);
+        upper = nextafter(value + error, INFINITY);
+    }
+    bounds->lower[axis] = fminf(bounds->lower[axis], round_down(lower));
+    bounds->upper[axis] = fmaxf(bounds->upper[axis], round_up(upper));
+}
+
+static const struct gn_ref_bounds nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
+
+static struct gn_ref_bounds box_bounds(const float box[6], const float transform[12])
+{
+    struct gn_ref_bounds bounds = nothing;
+    for (int corner = 0; corner < 8; corner++) {
+        struct number point[3];
+        for (int axis = 0; axis < 3; axis++)
+            point[axis] = (struct number){box[axis + 3 * (corner >> axis & 1)], 0};
+        point_transform(point, transform);
+        for (int axis = 0; axis < 3; axis++)
+            bounds_add(&bounds, axis, point[axis].value, point[axis].error);
+    }
+    return bounds;
+}
+
+/* Interval arithmetic by widening each rounded result; the operands are products of at most four f32. */
+static struct gn_ref_interval interval_of(double value, double error)
+{
+    return (struct gn_ref_interval){nextafter(value - error, -INFINITY), nextafter(value + error, INFINITY)};
+}
+
+static void instance_prepare(struct gn_ref_instance_data *data, const float m[12])
+{
+    double determinant = 0, determinant_error = 0;
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++) {
+            /* adjugate[row][column] is the cofactor of m[column][row] */
+            int r1 = (column + 1) % 3, r2 = (column + 2) % 3, c1 = (row + 1) % 3, c2 = (row + 2) % 3;
+            double a = (double)m[4 * r1 + c1] * m[4 * r2 + c2]; /* exact: 48 bits, far from the ends of f64 */
+            double b = (double)m[4 * r1 + c2] * m[4 * r2 + c1];
+            double cofactor = a - b, error = 0x1p-52 * fabs(cofactor);
+            data->adjugate[row][column] = a == b ? (struct gn_ref_interval){0, 0} : interval_of(cofactor, error);
+            if (column == 0) {
+                determinant += cofactor * m[row];
+                determinant_error += 0x1p-49 * fabs(cofactor * m[row]);
+            }
+        }
+    data->determinant = interval_of(determinant, determinant_error);
+}
+
+/* Zero area: decided in f64 where that is certain, which spares every trace an exact test. */
+static bool triangle_degenerate(struct gn_ref_exact *exact, const struct gn_ref_scene *scene,
+                                const struct gn_ref_primitive *primitive, const struct gn_ref_vertex v[3])
+{
+    const struct gn_ref_geometry *geometry =
+        &scene->blases[scene->instances[primitive->instance].blas].geometries[primitive->geometry];
+    const uint32_t *corners = geometry->triangles[primitive->primitive];
+    if (corners[0] == corners[1] || corners[1] == corners[2] || corners[2] == corners[0])
+        return true;
+    double e[2][3], size = 0, error = fmax(v[0].error, fmax(v[1].error, v[2].error));
+    for (int i = 0; i < 2; i++)
+        for (int axis = 0; axis < 3; axis++) {
+            e[i][axis] = v[i + 1].w[axis] - v[0].w[axis];
+            size = fmax(size, fabs(e[i][axis]));
+        }
+    /* Each edge component is wrong by at most d, each cross product's component by 4 d size + 2 d^2 + rounding. */
+    double d = 0x1p-53 * size + 2 * error;
+    double bound = 5 * size * d + 3 * d * d + 0x1p-50 * size * size;
+    for (int i = 0; i < 3 && size > 0x1p-200 && size < 0x1p200 && d < 0x1p200; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        if (fabs(e[0][j] * e[1][k] - e[0][k] * e[1][j]) > bound)
+            return false;
+    }
+    return gn_ref_triangle_degenerate_exact(exact, scene, primitive);
+}
+
+/* What commit collects, in growing arrays of one length. */
+struct flattening {
+    struct gn_ref_primitive *primitives;
+    struct gn_ref_bounds *bounds;
+    struct gn_ref_vertex (*triangles)[3];
+    uint32_t count;
+};
+
+static void flatten_triangles(struct gn_ref_scene *scene, struct flattening *flat, struct gn_ref_exact *exact,
+                              uint32_t instance, uint32_t geometry_index, struct gn_ref_vertex *vertices)
+{
+    const struct gn_ref_geometry *geometry =
+        &scene->blases[scene->instances[instance].blas].geometries[geometry_index];
+    for (uint32_t i = 0; i < geometry->position_count; i++)
+        vertices[i] = vertex_place(geometry, i, scene->instances[instance].transform);
+    for (uint32_t i = 0; i < geometry->primitive_count; i++) {
+        if (triangle_inactive(geometry, i))
+            continue;
+        struct gn_ref_primitive primitive = {instance, geometry_index, i};
+        struct gn_ref_vertex *corners = flat->triangles[flat->count];
+        struct gn_ref_bounds bounds = nothing;
+        for (int j = 0; j < 3; j++) {
+            corners[j] = vertices[geometry->triangles[i][j]];
+            for (int axis = 0; axis < 3; axis++)
+                bounds_add(&bounds, axis, corners[j].w[axis], corners[j].error);
+        }
+        if (triangle_degenerate(exact, scene, &primitive, corners))
+            continue;
+        flat->primitives[flat->count] = primitive;
+        flat->bounds[flat->count++] = bounds;
+    }
+}
+
+static void flatten_boxes(struct gn_ref_scene *scene, struct flattening *flat, uint32_t instance,
+                          uint32_t geometry_index)
+{
+    const struct gn_ref_geometry *geometry =
+        &scene->blases[scene->instances[instance].blas].geometries[geometry_index];
+    for (uint32_t i = 0; i < geometry->primitive_count; i++) {
+        const float *box = geometry->aabbs[i];
+        /* Inverted boxes contain nothing. */
+        if (isnan(box[0]) || box[0] > box[3] || box[1] > box[4] || box[2] > box[5])
+            continue;
+        flat->primitives[flat->count] = (struct gn_ref_primitive){instance, geometry_index, i};
+        flat->bounds[flat->count++] = box_bounds(box, scene->instances[instance].transform);
+    }
+}
+
+bool gn_ref_scene_commit(struct gn_ref_scene *scene)
+{
+    struct flattening flat = {0};
+    struct gn_ref_vertex *vertices = NULL;
+    struct gn_ref_exact exact;
+    bool done = false;
+    if (scene->committed)
+        return fail(scene, "the scene is committed twice");
+    struct gn_ref_environment environment;
+    gn_ref_environment_enter(&environment);
+    gn_ref_exact_init(&exact);
+
+    uint64_t totals[2] = {0};
+    uint32_t most_positions = 0;
+    scene->instance_data = calloc(scene->instance_count ? scene->instance_count : 1, sizeof *scene->instance_data);
+    if (!scene->instance_data) {
+        fail(scene, "out of memory for %u instances", scene->instance_count);
+        goto out;
+    }
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
+        const struct gn_ref_instance *instance = &scene->instances[i];
+        if (instance->blas == GN_REF_NULL_BLAS)
+            continue;
+        scene->instance_data[i].determinant_sign = gn_ref_determinant_sign_exact(instance->transform);
+        if (scene->instance_data[i].determinant_sign == 0) {
+            fail(scene, "instance %u: the transform is singular, expected an invertible one", i);
+            goto out;
+        }
+        instance_prepare(&scene->instance_data[i], instance->transform);
+        const struct gn_ref_blas *blas = &scene->blases[instance->blas];
+        for (uint32_t g = 0; g < blas->geometry_count; g++) {
+            totals[blas->geometries[g].type] += blas->geometries[g].primitive_count;
+            if (blas->geometries[g].position_count > most_positions)
+                most_positions = blas->geometries[g].position_count;
+        }
+    }
+    if (totals[0] >= MAX_PRIMITIVES || totals[1] >= MAX_PRIMITIVES - totals[0]) {
+        fail(scene, "%llu triangles and %llu boxes in all instances together, expected fewer than %u",
+             (unsigned long long)totals[0], (unsigned long long)totals[1], MAX_PRIMITIVES);
+        goto out;
+    }
+    size_t total = (size_t)(totals[0] + totals[1]);
+    flat.primitives = malloc((total + 1) * sizeof *flat.primitives);
+    flat.bounds = malloc((total + 1) * sizeof *flat.bounds);
+    /* One beyond the last: a triangle is placed before it is known to be degenerate. */
+    flat.triangles = malloc((size_t)(totals[0] + 1) * sizeof *flat.triangles);
+    vertices = malloc(((size_t)most_positions + 1) * sizeof *vertices);
+    if (!flat.primitives || !flat.bounds || !flat.triangles || !vertices) {
+        fail(scene, "out of memory for %zu primitives", total);
+        goto out;
+    }
+    for (int type = GN_REF_TRIANGLES; type <= GN_REF_AABBS; type++) {
+        for (uint32_t i = 0; i < scene->instance_count; i++) {
+            if (scene->instances[i].blas == GN_REF_NULL_BLAS)
+                continue;
+            const struct gn_ref_blas *blas = &scene->blases[scene->instances[i].blas];
+            for (uint32_t g = 0; g < blas->geometry_count; g++) {
+                if ((int)blas->geometries[g].type != type)
+                    continue;
+                if (type == GN_REF_TRIANGLES)
+                    flatten_triangles(scene, &flat, &exact, i, g, vertices);
+                else
+                    flatten_boxes(scene, &flat, i, g);
+            }
+        }
+        if (type == GN_REF_TRIANGLES)
+            scene->triangle_count = flat.count;
+    }
+    if (!gn_ref_bvh_build(&scene->bvh, (const struct gn_ref_vertex (*)[3])flat.triangles, scene->triangle_count, flat.bounds, flat.count, scene->error,
+                          sizeof scene->error))
+        goto out;
+    scene->primitives = flat.primitives;
+    scene->primitive_count = flat.count;
+    flat.primitives = NULL;
+    scene->committed = true;
+    scene->error[0] = '\0';
+    done = true;
+out:
+    if (!done) {
+        free(scene->instance_data);
+        scene->instance_data = NULL;
+    }
+    free(flat.primitives);
+    free(flat.bounds);
+    free(flat.triangles);
+    free(vertices);
+    gn_ref_exact_finish(&exact);
+    gn_ref_environment_leave(&environment);
+    return done;
+}
+
+uint32_t gn_ref_scene_instance_count(const struct gn_ref_scene *scene)
+{
+    return scene->instance_count;
+}
+
+const struct gn_ref_instance *gn_ref_scene_instance(const struct gn_ref_scene *scene, uint32_t instance)
+{
+    return instance < scene->instance_count ? &scene->instances[instance] : NULL;
+}
+
+uint32_t gn_ref_scene_geometry_count(const struct gn_ref_scene *scene, uint32_t blas)
+{
+    return blas < scene->blas_count ? scene->blases[blas].geometry_count : 0;
+}
+
+const struct gn_ref_geometry *gn_ref_scene_geometry(const struct gn_ref_scene *scene, uint32_t blas,
+                                                    uint32_t geometry)
+{
+    return geometry < gn_ref_scene_geometry_count(scene, blas) ? &scene->blases[blas].geometries[geometry] : NULL;
+}

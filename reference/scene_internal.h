@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* What the files of the reference share: the flattened scene, the tree over it, and the exact stage. */
+#ifndef GNOMON_REFERENCE_SCENE_INTERNAL_H
+#define GNOMON_REFERENCE_SCENE_INTERNAL_H
+
+#include <fenv.h>
+#include <gmp.h>
+
+#include "reference/trace.h"
+
+#define GN_REF_NODE_WIDTH 8
+#define GN_REF_BLOCK_WIDTH 4
+#define GN_REF_NONE UINT32_MAX
+/* Levels of the tree, root included; the traversal's stack is sized by it. */
+#define GN_REF_MAX_DEPTH 48
+
+/* One active primitive of one instance. Triangles come first in gn_ref_scene::primitives, then boxes. */
+struct gn_ref_primitive {
+    uint32_t instance;
+    uint32_t geometry;
+    uint32_t primitive;
+};
+
+/* An f64 vertex in the world and the largest distance, in any coordinate, to the exact one. 0: it is the exact
+ * one. Infinite: nothing is known, the exact stage has to decide everything. */
+struct gn_ref_vertex {
+    double w[3];
+    double error;
+};
+
+/* Four triangles in world space; w[vertex][axis][lane]. Unused lanes repeat a used one, with id GN_REF_NONE. */
+struct gn_ref_block {
+    double w[3][3][GN_REF_BLOCK_WIDTH];
+    double error[GN_REF_BLOCK_WIDTH];
+    uint32_t id[GN_REF_BLOCK_WIDTH];
+};
+
+#define GN_REF_LEAF_BIT 0x80000000u
+/* Bounds contain what is below exactly (rounded outward). An unused child has lower > upper and is GN_REF_NONE. */
+struct gn_ref_node {
+    float lower[3][GN_REF_NODE_WIDTH];
+    float upper[3][GN_REF_NODE_WIDTH];
+    uint32_t child[GN_REF_NODE_WIDTH];
+};
+
+struct gn_ref_leaf {
+    uint32_t first_block;
+    uint32_t block_count;
+    uint32_t first_box; /* into gn_ref_bvh::boxes */
+    uint32_t box_count;
+};
+
+struct gn_ref_bvh {
+    struct gn_ref_node *nodes; /* the root is the first */
+    uint32_t node_count;
+    struct gn_ref_leaf *leaves;
+    uint32_t leaf_count;
+    struct gn_ref_block *blocks;
+    uint32_t block_count;
+    uint32_t *boxes; /* indices of primitives */
+    uint32_t box_count;
+};
+
+struct gn_ref_bounds {
+    float lower[3];
+    float upper[3];
+};
+
+/* An interval of f64 that contains an exact value. */
+struct gn_ref_interval {
+    double lower;
+    double upper;
+};
+
+struct gn_ref_instance_data {
+    int determinant_sign; /* exact; 0 for an inactive instance */
+    /* Of the linear part of the transform; for the boxes. */
+    struct gn_ref_interval adjugate[3][3];
+    struct gn_ref_interval determinant;
+};
+
+struct gn_ref_blas {
+    struct gn_ref_geometry *geometries;
+    uint32_t geometry_count;
+};
+
+struct gn_ref_scene {
+    struct gn_ref_blas *blases;
+    uint32_t blas_count, blas_capacity;
+    struct gn_ref_instance *instances;
+    struct gn_ref_instance_data *instance_data; /* from commit on */
+    uint32_t instance_count, instance_capacity;
+    bool committed;
+    struct gn_ref_primitive *primitives;
+    uint32_t triangle_count; /* of primitives[] */
+    uint32_t primitive_count;
+    struct gn_ref_bvh bvh;
+    char error[320];
+};
+
+/*
+ * Builds the tree. triangles[3 * i ...] are the vertices of primitive i < triangle_count; bounds[] are of all
+ * primitives and contain them exactly. False, with a message, when memory is short.
+ */
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3], uint32_t triangle_count,
+                      const struct gn_ref_bounds *bounds, uint32_t primitive_count, char *error, size_t error_size);
+void gn_ref_bvh_finish(struct gn_ref_bvh *bvh);
+
+/* An exact number: numerator / denominator * 2^exponent, denominator > 0. */
+struct gn_ref_ratio {
+    mpz_t numerator;
+    mpz_t denominator;
+    long exponent;
+};
+
+/* Scratch of the exact stage, for one thread at a time; it grows and is kept, to save allocations. */
+struct gn_ref_exact {
+    mpz_t vertex[3][3];
+    mpz_t cross[3];
+    mpz_t direction[3];
+    mpz_t scratch[24];
+    mpz_t edge[4]; /* U, V, W and their sum */
+    mpz_t weight;
+    struct gn_ref_ratio t, t_exit, t_other;
+};
+void gn_ref_exact_init(struct gn_ref_exact *exact);
+void gn_ref_exact_finish(struct gn_ref_exact *exact);
+
+/* The sign of the determinant of the linear part of 3 rows of 4 finite floats. */
+int gn_ref_determinant_sign_exact(const float transform[12]);
+/* Whether the three vertices of an active triangle, placed in the world, are on one line. */
+bool gn_ref_triangle_degenerate_exact(struct gn_ref_exact *exact, const struct gn_ref_scene *scene,
+                                      const struct gn_ref_primitive *primitive);
+
+/* What exact arithmetic says of a line and a triangle: the signs of U, V, W and of their sum. */
+struct gn_ref_signs {
+    int edge[3];
+    int sum;
+};
+/*
+ * The signs, and, when the line meets the triangle (gn_ref_signs_meet()), exact->t, exact->edge.
+ */
+struct gn_ref_signs gn_ref_triangle_exact(struct gn_ref_exact *exact, const struct gn_ref_scene *scene,
+                                          const struct gn_ref_primitive *primitive, const struct gn_ref_ray *ray);
+/* Edge functions without opposite signs, not all zero; their sum then is not zero either. */
+bool gn_ref_signs_meet(const struct gn_ref_signs *signs);
+
+/* Whether the ray's closed range meets the box; then exact->t and exact->t_exit are where its *line* enters and
+ * leaves it. */
+bool gn_ref_box_exact(struct gn_ref_exact *exact, const struct gn_ref_scene *scene,
+                      const struct gn_ref_primitive *primitive, const struct gn_ref_ray *ray);
+
+/* The sign of a - b. b is finite. */
+int gn_ref_ratio_compare_f64(struct gn_ref_exact *exact, const struct gn_ref_ratio *a, double b);
+int gn_ref_ratio_compare(struct gn_ref_exact *exact, const struct gn_ref_ratio *a, const struct gn_ref_ratio *b);
+void gn_ref_ratio_set(struct gn_ref_ratio *out, const struct gn_ref_ratio *in);
+void gn_ref_ratio_set_f64(struct gn_ref_ratio *out, double value);
+/* Rounded towards zero: relative error below 2^-51, unless it is beyond the normal range of f64. */
+double gn_ref_ratio_f64(struct gn_ref_exact *exact, const struct gn_ref_ratio *a);
+/* An interval that contains it. */
+struct gn_ref_interval gn_ref_ratio_interval(struct gn_ref_exact *exact, const struct gn_ref_ratio *a);
+/* edge[index] / sum of the last triangle that met the line. */
+double gn_ref_exact_barycentric(struct gn_ref_exact *exact, int index);
+
+/*
+ * The error analyses assume rounding to nearest and no flushing of denormals, but a thread of a graphics driver may
+ * have left something else behind: between enter and leave the thread has the default environment.
+ */
+struct gn_ref_environment {
+    fenv_t saved;
+    bool changed;
+};
+void gn_ref_environment_enter(struct gn_ref_environment *environment);
+void gn_ref_environment_leave(const struct gn_ref_environment *environment);
+
+/* What is computed once per ray. */
+struct gn_ref_ray_setup {
+    const struct gn_ref_ray *ray;
+    double origin[3];
+    int k[3]; /* the axes x, y, z of the sheared space; k[2] is where |direction| is largest */
+    double shear[2]; /* direction[k[0]] and direction[k[1]] over direction[k[2]]: at most 1 in magnitude */
+    double depth; /* direction[k[2]] */
+    /* For the slab test: t = (bound - origin) * scale + bias; see gn_ref_ray_prepare(). */
+    double scale[3];
+    double bias[3];
+    bool swap[3]; /* the ray enters a box at the upper bound */
+};
+void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *ray);
+
+/* The f64 filter's view of the four triangles of a block. Bit l of a mask is lane l. */
+struct gn_ref_filter {
+    unsigned open; /* not certainly missed by the ray's line */
+    unsigned certain; /* of these: certainly met */
+    double edge[3][GN_REF_BLOCK_WIDTH]; /* U, V, W over the direction's depth */
+    double edge_error[3][GN_REF_BLOCK_WIDTH];
+    double z[3][GN_REF_BLOCK_WIDTH]; /* of the vertices, along k[2] */
+    double vertex_error[GN_REF_BLOCK_WIDTH]; /* of each sheared coordinate and of z */
+};
+void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_ref_block *block,
+                             const struct gn_ref_ray_setup *setup);
+
+/*
+ * t and the barycentrics of a triangle that the line meets, from one lane of the filter. False when the errors are
+ * too large to say anything. barycentric_error bounds both.
+ */
+struct gn_ref_estimate {
+    struct gn_ref_interval t;
+    double t_value;
+    double t_error;
+    double beta, gamma;
+    double barycentric_error;
+    int sum_sign; /* of U + V + W */
+};
+bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_filter *filter, int lane,
+                         const struct gn_ref_ray_setup *setup);
+
+/*
+ * The range of t in which the ray's line is inside the box, as intervals: 1 when it is certain that the ray's closed
+ * range meets the box, -1 when it is certain that it does not, 0 when this arithmetic cannot tell.
+ */
+int gn_ref_box_f64(struct gn_ref_interval *out_entry, struct gn_ref_interval *out_exit,
+                   const struct gn_ref_instance_data *data, const float transform[12], const float box[6],
+                   const struct gn_ref_ray *ray);
+
+#endif

@@ -1,0 +1,539 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Tracing: a conservative traversal of the tree, then for every primitive it cannot exclude a decision by the f64
+ * filter or, where that is not certain, by exact arithmetic.
+ */
+#include "reference/trace.h"
+
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include "reference/scene_internal.h"
+
+static _Atomic uint64_t counted_filtered, counted_exact;
+
+struct gn_ref_trace_counters gn_ref_trace_counters(void)
+{
+    return (struct gn_ref_trace_counters){atomic_load_explicit(&counted_filtered, memory_order_relaxed),
+                                          atomic_load_explicit(&counted_exact, memory_order_relaxed)};
+}
+
+/* A primitive that the ray meets: t is the triangle's, or the box's entry clipped to tmin. */
+struct found {
+    uint32_t id;
+    struct gn_ref_interval t;
+    double t_value, t_error;
+    double t_exit, t_exit_error;
+    double beta, gamma, barycentric_error;
+    bool front;
+    bool opaque;
+};
+
+struct trace {
+    const struct gn_ref_scene *scene;
+    struct gn_ref_ray_setup setup;
+    bool closest; /* only the nearest triangle is wanted */
+    /* What is found; with `closest` at most one. */
+    struct found *found;
+    size_t count, capacity;
+    struct found local[32];
+    bool failed;
+    double limit; /* no larger t is of interest */
+    uint64_t filtered, exact_count;
+    bool exact_ready;
+    struct gn_ref_exact exact;
+    struct gn_ref_environment environment;
+};
+
+static struct gn_ref_exact *exact_stage(struct trace *trace)
+{
+    if (!trace->exact_ready) {
+        gn_ref_exact_init(&trace->exact);
+        trace->exact_ready = true;
+    }
+    return &trace->exact;
+}
+
+static bool ray_valid(const struct gn_ref_ray *ray)
+{
+    bool moves = false;
+    for (int i = 0; i < 3; i++) {
+        if (!isfinite(ray->origin[i]) || !isfinite(ray->direction[i]))
+            return false;
+        moves |= ray->direction[i] != 0;
+    }
+    return moves && ray->tmin >= 0 && ray->tmin <= ray->tmax;
+}
+
+static bool trace_begin(struct trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+{
+    if (!scene->committed || !ray_valid(ray))
+        return false;
+    trace->scene = scene;
+    trace->closest = false;
+    trace->found = trace->local;
+    trace->count = 0;
+    trace->capacity = sizeof trace->local / sizeof trace->local[0];
+    trace->failed = false;
+    trace->limit = ray->tmax;
+    trace->filtered = trace->exact_count = 0;
+    trace->exact_ready = false;
+    gn_ref_environment_enter(&trace->environment);
+    gn_ref_ray_prepare(&trace->setup, ray);
+    return true;
+}
+
+static void trace_end(struct trace *trace)
+{
+    if (trace->exact_ready)
+        gn_ref_exact_finish(&trace->exact);
+    if (trace->found != trace->local)
+        free(trace->found);
+    if (trace->filtered)
+        atomic_fetch_add_explicit(&counted_filtered, trace->filtered, memory_order_relaxed);
+    if (trace->exact_count)
+        atomic_fetch_add_explicit(&counted_exact, trace->exact_count, memory_order_relaxed);
+    gn_ref_environment_leave(&trace->environment);
+}
+
+/* The exact t (of a box: the entry clipped to tmin) of something that the ray is known to meet. */
+static void exact_t(struct trace *trace, uint32_t id, struct gn_ref_ratio *out)
+{
+    struct gn_ref_exact *exact = exact_stage(trace);
+    const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
+    const struct gn_ref_ray *ray = trace->setup.ray;
+    trace->exact_count++;
+    if (id < trace->scene->triangle_count) {
+        gn_ref_triangle_exact(exact, trace->scene, primitive, ray);
+    } else {
+        gn_ref_box_exact(exact, trace->scene, primitive, ray);
+        if (gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) < 0)
+            gn_ref_ratio_set_f64(&exact->t, ray->tmin);
+    }
+    gn_ref_ratio_set(out, &exact->t);
+}
+
+static int compare_exact_t(struct trace *trace, uint32_t a, uint32_t b)
+{
+    struct gn_ref_exact *exact = exact_stage(trace);
+    struct gn_ref_ratio first;
+    mpz_init(first.numerator);
+    mpz_init(first.denominator);
+    exact_t(trace, a, &first);
+    exact_t(trace, b, &exact->t);
+    int order = gn_ref_ratio_compare(exact, &first, &exact->t);
+    mpz_clear(first.numerator);
+    mpz_clear(first.denominator);
+    return order;
+}
+
+static int compare_found(struct trace *trace, const struct found *a, const struct found *b)
+{
+    if (a->t.upper < b->t.lower)
+        return -1;
+    if (a->t.lower > b->t.upper)
+        return 1;
+    if (a->id == b->id)
+        return 0;
+    bool same_value = a->t.lower == a->t.upper && b->t.lower == b->t.upper;
+    int order = same_value ? 0 : compare_exact_t(trace, a->id, b->id);
+    if (order != 0)
+        return order;
+    const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
+    if (p->instance != q->instance)
+        return p->instance < q->instance ? -1 : 1;
+    if (p->geometry != q->geometry)
+        return p->geometry < q->geometry ? -1 : 1;
+    return p->primitive < q->primitive ? -1 : 1;
+}
+
+static void accept(struct trace *trace, const struct found *found)
+{
+    if (trace->closest) {
+        if (trace->count == 0 || compare_found(trace, found, &trace->found[0]) < 0) {
+            trace->found[0] = *found;
+            trace->count = 1;
+            trace->limit = fmin(trace->limit, found->t.upper);
+        }
+        return;
+    }
+    if (trace->count == trace->capacity) {
+        if (trace->capacity > SIZE_MAX / 4 / sizeof *found) {
+            trace->failed = true;
+            return;
+        }
+        size_t capacity = trace->capacity * 4;
+        struct found *memory = malloc(capacity * sizeof *memory);
+        if (!memory) {
+            trace->failed = true;
+            return;
+        }
+        memcpy(memory, trace->found, trace->count * sizeof *memory);
+        if (trace->found != trace->local)
+            free(trace->found);
+        trace->found = memory;
+        trace->capacity = capacity;
+    }
+    trace->found[trace->count++] = *found;
+}
+
+/* Mask, skip flags and opacity: what needs no geometry. */
+static bool admitted(const struct trace *trace, uint32_t id, struct found *found)
+{
+    const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
+    const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
+    const struct gn_ref_ray *ray = trace->setup.ray;
+    if ((instance->mask & ray->cull_mask & 0xFF) == 0)
+        return false;
+    bool opaque = trace->scene->blases[instance->blas].geometries[primitive->geometry].flags & GN_REF_GEOMETRY_OPAQUE;
+    if (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE)
+        opaque = true;
+    else if (instance->flags & GN_REF_INSTANCE_FORCE_NO_OPAQUE)
+        opaque = false;
+    if (ray->flags & GN_REF_RAY_OPAQUE)
+        opaque = true;
+    else if (ray->flags & GN_REF_RAY_NO_OPAQUE)
+        opaque = false;
+    *found = (struct found){.id = id, .opaque = opaque};
+    return !(ray->flags & (opaque ? GN_REF_RAY_CULL_OPAQUE : GN_REF_RAY_CULL_NO_OPAQUE));
+}
+
+/*
+ * Facing is decided in object space, where the triangle's area as seen along the ray, in the specification's ray space,
+ * is negative for a front face. That is d' . N' < 0 with N' = (v1 - v0) x (v2 - v0): for d' = (0, 0, -1) the ray space
+ * is object space itself, a = -(area counted counter-clockwise), and N' = (0, 0, 2 area). In the world
+ * d . N = (M d') . (cof(M) N') = det(M) (d' . N'), and d . N = U + V + W.
+ */
+static bool facing_admitted(const struct trace *trace, int sum_sign, struct found *found)
+{
+    const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
+    const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
+    found->front = sum_sign * trace->scene->instance_data[primitive->instance].determinant_sign < 0;
+    if (instance->flags & GN_REF_INSTANCE_FLIP_FACING)
+        found->front = !found->front;
+    if (instance->flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
+        return true;
+    return !(trace->setup.ray->flags & (found->front ? GN_REF_RAY_CULL_FRONT_FACING : GN_REF_RAY_CULL_BACK_FACING));
+}
+
+/* Everything about one triangle in exact arithmetic; false when the ray does not meet it. */
+static bool triangle_exact(struct trace *trace, struct found *found)
+{
+    struct gn_ref_exact *exact = exact_stage(trace);
+    const struct gn_ref_ray *ray = trace->setup.ray;
+    trace->exact_count++;
+    struct gn_ref_signs signs =
+        gn_ref_triangle_exact(exact, trace->scene, &trace->scene->primitives[found->id], ray);
+    if (!gn_ref_signs_meet(&signs) || !facing_admitted(trace, signs.sum, found))
+        return false;
+    if (isinf(ray->tmin) || gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) <= 0)
+        return false;
+    if (!isinf(ray->tmax) && gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmax) >= 0)
+        return false;
+    found->t = gn_ref_ratio_interval(exact, &exact->t);
+    found->t_value = gn_ref_ratio_f64(exact, &exact->t);
+    found->t_error = 0x1p-51 * fabs(found->t_value);
+    found->beta = gn_ref_exact_barycentric(exact, 1);
+    found->gamma = gn_ref_exact_barycentric(exact, 2);
+    found->barycentric_error = 0x1p-51;
+    return true;
+}
+
+static void triangle_consider(struct trace *trace, const struct gn_ref_filter *filter, int lane, uint32_t id)
+{
+    struct found found;
+    const struct gn_ref_ray *ray = trace->setup.ray;
+    if (!admitted(trace, id, &found))
+        return;
+    struct gn_ref_estimate estimate;
+    if ((filter->certain >> lane & 1) && gn_ref_estimate_f64(&estimate, filter, lane, &trace->setup)) {
+        if (estimate.t.lower >= ray->tmax || estimate.t.upper <= ray->tmin || estimate.t.lower > trace->limit) {
+            trace->filtered++;
+            return;
+        }
+        if (estimate.t.lower > ray->tmin && estimate.t.upper < ray->tmax) {
+            trace->filtered++;
+            if (!facing_admitted(trace, estimate.sum_sign, &found))
+                return;
+            found.t = estimate.t;
+            found.t_value = estimate.t_value;
+            found.t_error = estimate.t_error;
+            found.beta = estimate.beta;
+            found.gamma = estimate.gamma;
+            found.barycentric_error = estimate.barycentric_error;
+            accept(trace, &found);
+            return;
+        }
+    }
+    if (triangle_exact(trace, &found))
+        accept(trace, &found);
+}
+
+static void box_consider(struct trace *trace, uint32_t id)
+{
+    struct found found;
+    if (!admitted(trace, id, &found))
+        return;
+    const struct gn_ref_ray *ray = trace->setup.ray;
+    const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
+    const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
+    const float *box = trace->scene->blases[instance->blas].geometries[primitive->geometry].aabbs[primitive->primitive];
+    struct gn_ref_interval entry, leave;
+    int decision = gn_ref_box_f64(&entry, &leave, &trace->scene->instance_data[primitive->instance],
+                                  instance->transform, box, ray);
+    if (decision < 0) {
+        trace->filtered++;
+        return;
+    }
+    /* The order of entries clipped to tmin has to be known as well. */
+    bool clip_open = entry.lower <= ray->tmin && entry.upper > ray->tmin;
+    if (decision > 0 && !clip_open) {
+        trace->filtered++;
+    } else {
+        struct gn_ref_exact *exact = exact_stage(trace);
+        trace->exact_count++;
+        if (!gn_ref_box_exact(exact, trace->scene, primitive, ray))
+            return;
+        entry = gn_ref_ratio_interval(exact, &exact->t);
+        leave = gn_ref_ratio_interval(exact, &exact->t_exit);
+        if (gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) <= 0)
+            found.t = (struct gn_ref_interval){ray->tmin, ray->tmin};
+        else
+            found.t = entry;
+        found.t_value = gn_ref_ratio_f64(exact, &exact->t);
+        found.t_exit = gn_ref_ratio_f64(exact, &exact->t_exit);
+        accept(trace, &found);
+        return;
+    }
+    found.t = entry.upper <= ray->tmin ? (struct gn_ref_interval){ray->tmin, ray->tmin} : entry;
+    found.t_value = entry.lower + (entry.upper - entry.lower) / 2;
+    found.t_error = entry.upper - entry.lower;
+    found.t_exit = leave.lower + (leave.upper - leave.lower) / 2;
+    found.t_exit_error = leave.upper - leave.lower;
+    accept(trace, &found);
+}
+
+static void leaf_visit(struct trace *trace, const struct gn_ref_leaf *leaf, bool triangles, bool boxes)
+{
+    const struct gn_ref_bvh *bvh = &trace->scene->bvh;
+    for (uint32_t i = 0; triangles && i < leaf->block_count; i++) {
+        const struct gn_ref_block *block = &bvh->blocks[leaf->first_block + i];
+        struct gn_ref_filter filter;
+        gn_ref_filter_block_f64(&filter, block, &trace->setup);
+        trace->filtered += GN_REF_BLOCK_WIDTH - (unsigned)__builtin_popcount(filter.open);
+        for (unsigned open = filter.open; open; open &= open - 1) {
+            int lane = __builtin_ctz(open);
+            triangle_consider(trace, &filter, lane, block->id[lane]);
+        }
+    }
+    for (uint32_t i = 0; boxes && i < leaf->box_count; i++)
+        box_consider(trace, bvh->boxes[leaf->first_box + i]);
+}
+
+struct pending {
+    uint32_t child;
+    double t;
+};
+
+/*
+ * See gn_ref_ray_prepare() for the bounds. The nearer end of the stay in a box is at least tmin >= 0, so that widening
+ * its far end by the relative error of both (2 * 3u, here 32 u) is enough. Only what is certainly missed, or certainly
+ * beyond the upper end of the best t so far, is skipped.
+ */
+static void traverse(struct trace *trace, bool triangles, bool boxes)
+{
+    enum { N = GN_REF_NODE_WIDTH };
+    const struct gn_ref_bvh *bvh = &trace->scene->bvh;
+    const struct gn_ref_ray_setup *setup = &trace->setup;
+    struct pending stack[GN_REF_MAX_DEPTH * GN_REF_NODE_WIDTH];
+    size_t depth = 0;
+    double tmin = setup->ray->tmin;
+    if (bvh->node_count == 0)
+        return;
+    stack[depth++] = (struct pending){0, tmin};
+    while (depth > 0) {
+        struct pending top = stack[--depth];
+        if (top.t > trace->limit * (1 + 0x1p-48))
+            continue;
+        if (top.child & GN_REF_LEAF_BIT) {
+            leaf_visit(trace, &bvh->leaves[top.child & ~GN_REF_LEAF_BIT], triangles, boxes);
+            continue;
+        }
+        const struct gn_ref_node *node = &bvh->nodes[top.child];
+        double near[N], far[N];
+        for (int i = 0; i < N; i++) {
+            near[i] = tmin;
+            far[i] = trace->limit;
+        }
+        for (int axis = 0; axis < 3; axis++) {
+            const float *first = setup->swap[axis] ? node->upper[axis] : node->lower[axis];
+            const float *last = setup->swap[axis] ? node->lower[axis] : node->upper[axis];
+            double origin = setup->origin[axis], scale = setup->scale[axis], bias = setup->bias[axis];
+            for (int i = 0; i < N; i++) {
+                double a = ((double)first[i] - origin) * scale - bias;
+                double b = ((double)last[i] - origin) * scale + bias;
+                near[i] = a > near[i] ? a : near[i];
+                far[i] = b < far[i] ? b : far[i];
+            }
+        }
+        size_t base = depth;
+        for (int i = 0; i < N; i++) {
+            /* Negated so that a NaN, which cannot be, would be visited. */
+            if (node->child[i] == GN_REF_NONE || near[i] > far[i] * (1 + 0x1p-48))
+                continue;
+            /* Kept with the farthest first, so that the nearest is taken first. */
+            size_t place = depth++;
+            while (place > base && stack[place - 1].t < near[i]) {
+                stack[place] = stack[place - 1];
+                place--;
+            }
+            stack[place] = (struct pending){node->child[i], near[i]};
+        }
+    }
+}
+
+/* t to the accuracy that trace.h promises. */
+static void refine(struct trace *trace, struct found *found)
+{
+    if (found->t_error <= 0x1p-41 * fabs(found->t_value) && found->barycentric_error <= 0x1p-41 &&
+        found->t_exit_error <= 0x1p-41 * fabs(found->t_exit))
+        return;
+    struct gn_ref_exact *exact = exact_stage(trace);
+    const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
+    trace->exact_count++;
+    if (found->id < trace->scene->triangle_count) {
+        gn_ref_triangle_exact(exact, trace->scene, primitive, trace->setup.ray);
+        found->beta = gn_ref_exact_barycentric(exact, 1);
+        found->gamma = gn_ref_exact_barycentric(exact, 2);
+    } else {
+        gn_ref_box_exact(exact, trace->scene, primitive, trace->setup.ray);
+        found->t_exit = gn_ref_ratio_f64(exact, &exact->t_exit);
+    }
+    found->t_value = gn_ref_ratio_f64(exact, &exact->t);
+}
+
+static void hit_write(struct trace *trace, struct found *found, struct gn_ref_hit *out)
+{
+    refine(trace, found);
+    const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
+    bool triangle = found->id < trace->scene->triangle_count;
+    *out = (struct gn_ref_hit){
+        .type = triangle ? GN_REF_TRIANGLES : GN_REF_AABBS,
+        .instance = primitive->instance,
+        .geometry = primitive->geometry,
+        .primitive = primitive->primitive,
+        .t = found->t_value,
+        .t_exit = triangle ? found->t_value : found->t_exit,
+        .beta = found->beta,
+        .gamma = found->gamma,
+        .front = triangle && found->front,
+        .opaque = found->opaque,
+    };
+}
+
+/* Merge sort: the comparison needs the trace, and a list of a million overlapping hits must not take for ever. */
+static void sort_found(struct trace *trace, struct found *items, struct found *scratch, size_t count)
+{
+    if (count < 2)
+        return;
+    if (count <= 8) {
+        for (size_t i = 1; i < count; i++) {
+            struct found item = items[i];
+            size_t place = i;
+            while (place > 0 && compare_found(trace, &item, &items[place - 1]) < 0) {
+                items[place] = items[place - 1];
+                place--;
+            }
+            items[place] = item;
+        }
+        return;
+    }
+    size_t half = count / 2;
+    sort_found(trace, items, scratch, half);
+    sort_found(trace, items + half, scratch, count - half);
+    memcpy(scratch, items, half * sizeof *items);
+    size_t a = 0, b = half, n = 0;
+    while (a < half && b < count)
+        items[n++] = compare_found(trace, &items[b], &scratch[a]) < 0 ? items[b++] : scratch[a++];
+    while (a < half)
+        items[n++] = scratch[a++];
+}
+
+int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                               struct gn_ref_hit *out_hits, size_t capacity)
+{
+    struct trace trace;
+    struct found *scratch = NULL;
+    int64_t result = -1;
+    if (!trace_begin(&trace, scene, ray))
+        return -1;
+    traverse(&trace, !(ray->flags & GN_REF_RAY_SKIP_TRIANGLES), !(ray->flags & GN_REF_RAY_SKIP_AABBS));
+    if (trace.failed)
+        goto out;
+    if (trace.count > 8) {
+        scratch = malloc(trace.count / 2 * sizeof *scratch);
+        if (!scratch)
+            goto out;
+    }
+    sort_found(&trace, trace.found, scratch, trace.count);
+    for (size_t i = 0; i < trace.count && i < capacity; i++)
+        hit_write(&trace, &trace.found[i], &out_hits[i]);
+    result = (int64_t)trace.count;
+out:
+    free(scratch);
+    trace_end(&trace);
+    return result;
+}
+
+int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                                        struct gn_ref_hit *out_hit)
+{
+    struct trace trace;
+    if (!trace_begin(&trace, scene, ray))
+        return -1;
+    trace.closest = true;
+    traverse(&trace, !(ray->flags & GN_REF_RAY_SKIP_TRIANGLES), false);
+    int result = trace.count > 0;
+    if (result)
+        hit_write(&trace, &trace.found[0], out_hit);
+    trace_end(&trace);
+    return result;
+}
+
+/* The flattened index of a primitive: they are in the order of their ids. */
+static uint32_t find_triangle(const struct gn_ref_scene *scene, const struct gn_ref_hit *hit)
+{
+    uint32_t first = 0, last = scene->triangle_count;
+    while (first < last) {
+        uint32_t middle = first + (last - first) / 2;
+        const struct gn_ref_primitive *p = &scene->primitives[middle];
+        bool before = p->instance != hit->instance ? p->instance < hit->instance
+                      : p->geometry != hit->geometry ? p->geometry < hit->geometry
+                                                     : p->primitive < hit->primitive;
+        if (before)
+            first = middle + 1;
+        else
+            last = middle;
+    }
+    if (first == scene->triangle_count)
+        return GN_REF_NONE;
+    const struct gn_ref_primitive *p = &scene->primitives[first];
+    bool same = p->instance == hit->instance && p->geometry == hit->geometry && p->primitive == hit->primitive;
+    return same ? first : GN_REF_NONE;
+}
+
+int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                           const struct gn_ref_hit *a, const struct gn_ref_hit *b)
+{
+    struct trace trace;
+    if (!trace_begin(&trace, scene, ray))
+        return 0;
+    uint32_t first = find_triangle(scene, a), second = find_triangle(scene, b);
+    int order = 0;
+    if (first != GN_REF_NONE && second != GN_REF_NONE && first != second)
+        order = compare_exact_t(&trace, first, second);
+    trace_end(&trace);
+    return order;
+}
