@@ -128,29 +128,32 @@ static bool is_packed(const struct gn_vertex_format *format)
 void gn_vertex_encode(const struct gn_vertex_format *format, const double position[3], uint8_t *out_bytes)
 {
     if (is_packed(format)) {
-        uint32_t word = 1u << 30;
+        uint32_t word = (format->kind == GN_VERTEX_SNORM ? 1u : 3u) << 30; /* 1, as below */
         for (uint32_t i = 0; i < 3; i++) {
             word |= ((uint32_t)normalised_from(format, position[i]) & 1023u) << (10 * i);
         }
         memcpy(out_bytes, &word, sizeof word);
         return;
     }
-    /* All bits set: a NaN, or the largest or nearly the largest magnitude. */
-    memset(out_bytes, 0xFF, format->size);
     const uint32_t bytes = format->component_bits / 8;
-    for (uint32_t i = 0; i < format->components && i < 3; i++) {
+    for (uint32_t i = 0; i < format->components; i++) {
         uint8_t *out = out_bytes + i * bytes;
+        /*
+         * A fourth component is 1. A NaN in any component but the first is undefined behaviour, and the API does
+         * not say in words that a fourth one has no influence: 1 means the same to whoever multiplies by it.
+         */
+        const double value = i < 3 ? position[i] : 1.0;
         if (format->kind != GN_VERTEX_FLOAT) {
-            const int32_t integer = normalised_from(format, position[i]);
+            const int32_t integer = normalised_from(format, value);
             const uint16_t low = (uint16_t)integer;
             memcpy(out, &low, bytes); /* little-endian, as every host of these drivers is */
         } else if (bytes == 8) {
-            memcpy(out, &position[i], 8);
+            memcpy(out, &value, 8);
         } else if (bytes == 4) {
-            const float value = (float)position[i];
-            memcpy(out, &value, 4);
+            const float single = (float)value;
+            memcpy(out, &single, 4);
         } else {
-            const uint16_t half = gn_f16_from_f64(position[i]);
+            const uint16_t half = gn_f16_from_f64(value);
             memcpy(out, &half, 2);
         }
     }

@@ -17,7 +17,7 @@ struct gn_vertex_format {
     VkFormat format;
     const char *name; /* "R32G32B32_SFLOAT" */
     enum gn_vertex_kind kind;
-    uint32_t components; /* 2 to 4; the fourth is ignored by the API, a missing third is 0 */
+    uint32_t components; /* 2 to 4; the fourth is not used, a missing third is 0 */
     uint32_t component_bits;
     uint32_t size; /* bytes of one vertex */
     uint32_t alignment; /* bytes: of addresses, offsets and strides */
@@ -34,7 +34,7 @@ const struct gn_vertex_format *gn_vertex_format_find(VkFormat format);
  * Writes one vertex of format->size bytes. Rounds to nearest, ties to even. A NaN stays one where the format
  * has it and becomes 0 elsewhere. Normalised formats clamp; SNORM reaches down to the most negative integer
  * (a wish of -32768/32767 or less gives -32768), which means -1 just as the next one does. A fourth component
- * gets a pattern that would be noticed if it were used.
+ * is 1.
  */
 void gn_vertex_encode(const struct gn_vertex_format *format, const double position[3], uint8_t *out_bytes);
 
