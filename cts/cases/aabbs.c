@@ -14,8 +14,7 @@
 #define SPEC_STRIDE "stride is in bytes from box to box (Vulkan: VkAccelerationStructureGeometryAabbsDataKHR::stride)"
 #define SPEC_INACTIVE "a box whose least x is NaN is inactive (Vulkan: inactive primitives and instances)"
 #define SPEC_DUPLICATE                                                                                           \
-    "a box of a geometry with NO_DUPLICATE_ANY_HIT_INVOCATION is presented at most once (Vulkan: "              \
-    "VkGeometryFlagBitsKHR)"
+    "NO_DUPLICATE_ANY_HIT_INVOCATION loses no box (Vulkan: VkGeometryFlagBitsKHR)"
 
 /* Ladders: hits are generated in the middle of the rungs that the policy wants. */
 
@@ -287,7 +286,7 @@ static const struct gn_case cases[] = {
     LIST("list_lines", SPEC_CANDIDATE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .flat_axes = 6),
     LIST("list_inactive", SPEC_INACTIVE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .inactive = true),
     LIST("list_transformed", SPEC_CANDIDATE, .boxes = 60, .min_half = 0.02, .max_half = 0.2, .instances = 8),
-    LIST("no_duplicates", SPEC_DUPLICATE, .boxes = 100, .min_half = 0.01, .max_half = 0.3,
+    LIST("no_duplicate_flag", SPEC_DUPLICATE, .boxes = 100, .min_half = 0.01, .max_half = 0.3,
          .flags = GN_REF_GEOMETRY_NO_DUPLICATE),
     LIST("inside", SPEC_INSIDE, .boxes = 64, .min_half = 0.05, .max_half = 0.3, .aim = FROM_INSIDE),
     LIST("along_faces", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true, .aim = ALONG_FACES),

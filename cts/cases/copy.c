@@ -27,6 +27,7 @@ struct params {
     uint8_t tlas_steps[GN_CTS_MAX_STEPS];
     bool generic, tlas_generic;
     bool boxes;
+    bool inactive; /* some triangles of one BLAS */
 };
 
 enum { BLASES = 5, RUNGS = 20 };
@@ -58,7 +59,7 @@ static struct gn_cts_geometry *meshes(struct gn_case_run *run, const struct para
                               : blas == 1 ? gn_mesh_quad(arena)
                               : blas == 2 ? gn_mesh_height_field(arena, random, 40, 0.2)
                                           : gn_mesh_blob(arena, random, 6 + g, 9, 0.2);
-        if (blas == 4) {
+        if (blas == 4 && params->inactive) {
             mesh = gn_mesh_unshared(arena, &mesh);
             gn_mesh_deactivate(random, &mesh, 0.2);
         }
@@ -152,6 +153,8 @@ static const struct gn_case cases[] = {
          .tlas_steps = {CLONE, REFIT, CLONE}),
     CASE("refit.serialize", SPEC_CHAIN, .flags = UPDATE, .steps = {SERIALIZE, REFIT_COPY, SERIALIZE},
          .tlas_flags = UPDATE, .tlas_steps = {SERIALIZE, REFIT, SERIALIZE}),
+    CASE("inactive", "inactive primitives are none the less counted in a copy (Vulkan: inactive primitives and instances)",
+         .flags = COMPACTION, .steps = {COMPACT, CLONE, SERIALIZE}, .inactive = true),
     CASE("generic.blas", SPEC_GENERIC, .generic = true),
     CASE("generic.tlas", SPEC_GENERIC, .tlas_generic = true),
     CASE("generic.copied", SPEC_GENERIC, .flags = COMPACTION, .steps = {COMPACT, CLONE, SERIALIZE},

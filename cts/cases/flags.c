@@ -114,13 +114,13 @@ static void layers(struct gn_case_run *run, const struct gn_case *self)
     }
     const float(*ladder)[6] = gn_ladder_make(arena, random, LAYERS, 0.25);
     for (uint32_t i = 0; boxes && i < 2; i++) {
-        /* The other one has a rung of its own in between: it is beside the first, where no ray goes. */
+        /* Two ladders share the rungs; what the other one has is aside, where no ray goes. */
         if (i == 1 && opacity != (OPAQUE | NOT_OPAQUE))
             break;
         float(*own)[6] = gn_arena_alloc(arena, LAYERS, sizeof *own);
         for (uint32_t p = 0; p < LAYERS; p++)
             for (int a = 0; a < 6; a++)
-                own[p][a] = opacity != (OPAQUE | NOT_OPAQUE) || (p / 2 & 1) == i ? ladder[p][a] : __builtin_nanf("");
+                own[p][a] = ladder[p][a] + (opacity == (OPAQUE | NOT_OPAQUE) && (p / 2 & 1) != i && a % 3 == 0 ? 64 : 0);
         geometries[count] = (struct gn_cts_geometry){
             .type = GN_REF_AABBS,
             .flags = opacity == OPAQUE || (opacity != NOT_OPAQUE && i) ? VK_GEOMETRY_OPAQUE_BIT_KHR : 0,

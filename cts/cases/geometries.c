@@ -52,7 +52,6 @@ static struct gn_cts_geometry make(struct gn_case_run *run, const struct params 
     if (params->mix & INDICES) {
         geometry.index_none = index % 3 == 0;
         geometry.index_uint32 = index % 3 == 1;
-        geometry.first_vertex = index % 5;
     }
     if (params->mix & EMPTY && index % 4 != 2)
         geometry.triangle_count = 0;

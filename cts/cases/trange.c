@@ -230,11 +230,12 @@ static const struct gn_case cases[] = {
     {"trange.windows", SPEC_RANGE, windows, NULL, 1},
     {"trange.windows_candidates", SPEC_RANGE, windows, NULL, 0},
     BOX("tmin_at_exit", EXIT, AT, FAR, -2, 2, GN_CTS_COMMITTED),
-    BOX("tmax_at_entry", ENTRY, START, AT, -2, 2, GN_CTS_COMMITTED),
+    BOX("tmin_at_exit_candidates", EXIT, AT, FAR, -2, 2, GN_CTS_CANDIDATES),
+    BOX("tmax_at_entry", ENTRY, START, AT, -2, 2, GN_CTS_CANDIDATES),
     BOX("tmin_clear", EXIT, CLEAR, FAR, 0, 0, GN_CTS_CANDIDATES),
     BOX("tmax_clear", ENTRY, START, CLEAR, 0, 0, GN_CTS_CANDIDATES),
     BOX("inside", MIDDLE, AT, INFINITE, -2, 2, GN_CTS_COMMITTED),
-    BOX("point_inside", MIDDLE, AT, OTHER, -2, 2, GN_CTS_COMMITTED),
-    BOX("point_on_face", ENTRY, AT, OTHER, -2, 2, GN_CTS_COMMITTED),
+    BOX("point_inside", MIDDLE, AT, OTHER, -2, 2, GN_CTS_CANDIDATES),
+    BOX("point_on_face", ENTRY, AT, OTHER, -2, 2, GN_CTS_CANDIDATES),
 };
 const struct gn_case_family gn_family_trange = {"trange", cases, sizeof cases / sizeof cases[0]};

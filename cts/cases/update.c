@@ -165,7 +165,7 @@ static const struct gn_case cases[] = {
          .tlas_steps = {GN_CTS_STEP_REFIT}),
     CASE("instances.chain", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE,
          .tlas_steps = {GN_CTS_STEP_REFIT_COPY, GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_COPY}),
-    CASE("everything", SPEC_UPDATE, .what = VERTICES | TRANSFORMS | INSTANCES | INACTIVE, .flags = UPDATE,
+    CASE("everything", SPEC_UPDATE, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = UPDATE,
          .steps = {GN_CTS_STEP_REFIT}, .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT}),
     CASE("rebuild.blas", SPEC_BUILD, .what = VERTICES | TRANSFORMS, .steps = {GN_CTS_STEP_REBUILD}),
     CASE("rebuild.tlas", SPEC_BUILD, .what = INSTANCES, .tlas_steps = {GN_CTS_STEP_REBUILD}),
