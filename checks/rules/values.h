@@ -1,0 +1,80 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The values that rules are evaluated over. They are neutral of the API they come from: the Vulkan layer
+ * fills them from a submission, a trace reader fills them from a file. Nothing here is a Vulkan type. */
+#ifndef GN_CHECKS_RULES_VALUES_H
+#define GN_CHECKS_RULES_VALUES_H
+
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+/* What a finding can point at. The name of a kind is what messages and logs call it. */
+enum gn_object_kind {
+    GN_OBJECT_NONE,
+    GN_OBJECT_BLAS,
+    GN_OBJECT_TLAS,
+    GN_OBJECT_STRUCTURE, /* an acceleration structure of generic type, before a build says which it is */
+    GN_OBJECT_BUFFER,
+    GN_OBJECT_COMMAND_BUFFER,
+    GN_OBJECT_QUEUE,
+    GN_OBJECT_DEVICE,
+    GN_OBJECT_KIND_COUNT
+};
+
+/* One object of the application. `handle` is what the API calls it, never dereferenced. `name` is its debug
+ * name, NULL when it has none; the string belongs to whoever made the value. */
+struct gn_object {
+    enum gn_object_kind kind;
+    uint64_t handle;
+    const char *name;
+};
+
+/* Where the first build of a structure lies, seen from one event that reads the structure. Made by a build, an
+ * update, a clone, a compaction, a deserialization, an indirect or a host build: all count alike. */
+enum gn_built {
+    GN_BUILT_NEVER,     /* nothing that was submitted up to the judgement builds it */
+    GN_BUILT_LATER,     /* the first build comes after the event, in the same order of execution */
+    GN_BUILT_SAME_CALL, /* the build is in the same command as the event */
+    GN_BUILT_BEFORE,    /* the build comes before the event, in the same order of execution */
+    GN_BUILT_UNORDERED  /* a build exists, but what was observed does not order it against the event */
+};
+
+/* An acceleration structure as one event sees it. `id` is unique in the process and never reused, unlike
+ * handles and addresses. */
+struct gn_structure {
+    struct gn_object object;
+    uint64_t id;
+    uint64_t address;
+    enum gn_built built;
+};
+
+/* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */
+struct gn_instance_record {
+    float object_to_world[12];         /* three rows of four */
+    uint32_t custom_index_and_mask;    /* 24 bits, then 8 */
+    uint32_t sbt_offset_and_flags;     /* 24 bits, then 8 */
+    uint64_t reference;                /* address of the BLAS; 0 makes the instance inactive */
+};
+
+#define GN_REFERENCE_NULL 0xFFFFFFFFu    /* the reference is 0 */
+#define GN_REFERENCE_UNKNOWN 0xFFFFFFFEu /* the reference is not the address of any structure alive */
+
+/* A build or update of a TLAS, with the instances that the build has read. */
+struct gn_tlas_build {
+    struct gn_object tlas;
+    uint64_t tlas_id;
+    const char *place; /* which command, command buffer and submission, for messages */
+    uint32_t instance_count;
+    const struct gn_instance_record *instances;
+    const uint32_t *refers_to; /* per instance: index into `structures`, or GN_REFERENCE_* */
+    uint32_t structure_count;
+    const struct gn_structure *structures;
+};
+
+#ifdef __cplusplus
+}
+#endif
+#endif

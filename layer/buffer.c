@@ -1,0 +1,220 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Buffers that can hold the input of a build. They get transfer usage, so that the records in them can be copied when the
+ * GPU reads them; every question about the memory of such a buffer is asked with the same usage. */
+#include "layer/layer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+#define BUILD_INPUT VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR
+#define STORAGE VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR
+#define ADDRESS VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT
+#define COPY_FROM VK_BUFFER_USAGE_TRANSFER_SRC_BIT
+
+/* What may stand before VkBufferUsageFlags2CreateInfo in the chain. To change that structure, the chain up to it has to
+ * be copied, and for that the sizes must be known; the application's memory is never written. */
+static const struct {
+    VkStructureType type;
+    size_t size;
+} chain_sizes[] = {
+    {VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO, sizeof(VkBufferUsageFlags2CreateInfo)},
+    {VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_CREATE_INFO_EXT, sizeof(VkBufferDeviceAddressCreateInfoEXT)},
+    {VK_STRUCTURE_TYPE_BUFFER_OPAQUE_CAPTURE_ADDRESS_CREATE_INFO, sizeof(VkBufferOpaqueCaptureAddressCreateInfo)},
+    {VK_STRUCTURE_TYPE_DEDICATED_ALLOCATION_BUFFER_CREATE_INFO_NV, sizeof(VkDedicatedAllocationBufferCreateInfoNV)},
+    {VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO, sizeof(VkExternalMemoryBufferCreateInfo)},
+    {VK_STRUCTURE_TYPE_OPAQUE_CAPTURE_DESCRIPTOR_DATA_CREATE_INFO_EXT, sizeof(VkOpaqueCaptureDescriptorDataCreateInfoEXT)},
+    {VK_STRUCTURE_TYPE_VIDEO_PROFILE_LIST_INFO_KHR, sizeof(VkVideoProfileListInfoKHR)},
+};
+
+#define PATCH_BYTES 512
+
+/* A creation info with transfer usage added, in storage of its own. */
+struct patched {
+    VkBufferCreateInfo info;
+    VkBufferUsageFlags2 usage; /* as asked by the application */
+    bool changed;
+    bool can_copy;
+    union {
+        unsigned char bytes[PATCH_BYTES];
+        uint64_t align;
+    } chain;
+};
+
+static size_t size_in_chain(VkStructureType type)
+{
+    for (size_t i = 0; i < sizeof chain_sizes / sizeof chain_sizes[0]; i++)
+        if (chain_sizes[i].type == type)
+            return chain_sizes[i].size;
+    return 0;
+}
+
+static bool copy_chain(struct patched *out)
+{
+    const VkBaseInStructure *in = out->info.pNext;
+    const void **link = &out->info.pNext;
+    size_t used = 0;
+    for (; in; in = in->pNext) {
+        size_t size = size_in_chain(in->sType);
+        if (!size || used + size > PATCH_BYTES)
+            return false;
+        VkBaseInStructure *copy = (VkBaseInStructure *)(void *)(out->chain.bytes + used);
+        memcpy(copy, in, size);
+        *link = copy;
+        link = (const void **)&copy->pNext;
+        used += (size + 7) & ~(size_t)7;
+        if (in->sType == VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO) {
+            ((VkBufferUsageFlags2CreateInfo *)(void *)copy)->usage |= COPY_FROM;
+            return true; /* the rest of the chain is the application's, unchanged */
+        }
+    }
+    return false;
+}
+
+/* Memory shared with another API or process must be described the same on both sides: such a buffer stays as it is. */
+static void patch(const VkBufferCreateInfo *info, struct patched *out)
+{
+    const VkBufferUsageFlags2CreateInfo *wide =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO);
+    const VkExternalMemoryBufferCreateInfo *external =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO);
+    out->info = *info;
+    out->usage = wide ? wide->usage : info->usage;
+    out->changed = false;
+    out->can_copy = (out->usage & COPY_FROM) != 0;
+    if (out->can_copy || !(out->usage & BUILD_INPUT) || (external && external->handleTypes) ||
+        (info->flags & VK_BUFFER_CREATE_PROTECTED_BIT))
+        return;
+    if (wide && !copy_chain(out)) {
+        out->info.pNext = info->pNext;
+        return;
+    }
+    if (!wide)
+        out->info.usage |= COPY_FROM;
+    out->changed = out->can_copy = true;
+}
+
+/* With the device locked. An address can be asked once memory is bound; a sparse buffer has one from the start. */
+static void buffer_gains_address(struct gn_device *device, struct gn_buffer *buffer)
+{
+    if (buffer->bound)
+        return;
+    buffer->bound = true;
+    if (!buffer->build_input || !buffer->has_address || !device->next.GetBufferDeviceAddress)
+        return;
+    VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = buffer->handle};
+    buffer->range.base = device->next.GetBufferDeviceAddress(device->handle, &info);
+    buffer->range.size = buffer->size;
+    if (buffer->range.base && buffer->range.base + buffer->range.size > buffer->range.base)
+        gn_ranges_insert(&device->inputs, &buffer->range);
+    else
+        buffer->range.size = 0;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBufferCreateInfo *info,
+                                                     const VkAllocationCallbacks *allocator, VkBuffer *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct patched patched;
+    patch(info, &patched);
+    VkResult result =
+        device->next.CreateBuffer(handle, patched.changed ? &patched.info : info, allocator, out);
+    if (result != VK_SUCCESS || !(patched.usage & (BUILD_INPUT | STORAGE)))
+        return result;
+
+    struct gn_buffer *buffer = calloc(1, sizeof *buffer);
+    if (!buffer) {
+        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        return result;
+    }
+    *buffer = (struct gn_buffer){.handle = *out,
+                                 .size = info->size,
+                                 .has_address = (patched.usage & ADDRESS) != 0,
+                                 .build_input = (patched.usage & BUILD_INPUT) != 0,
+                                 .can_copy = patched.can_copy};
+    gn_lock(device);
+    if (!gn_map_put(&device->buffers, (uint64_t)*out, buffer)) {
+        free(buffer);
+        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+    } else if (info->flags & VK_BUFFER_CREATE_SPARSE_BINDING_BIT) {
+        buffer_gains_address(device, buffer);
+    }
+    gn_unlock(device);
+    return result;
+}
+
+static void buffer_free(struct gn_device *device, struct gn_buffer *buffer)
+{
+    if (buffer && buffer->range.size)
+        gn_ranges_remove(&device->inputs, &buffer->range);
+    free(buffer);
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyBuffer(VkDevice handle, VkBuffer buffer,
+                                                  const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (buffer) {
+        gn_lock(device);
+        buffer_free(device, gn_map_take(&device->buffers, (uint64_t)buffer));
+        gn_unlock(device);
+    }
+    device->next.DestroyBuffer(handle, buffer, allocator);
+}
+
+static void buffer_bound(struct gn_device *device, VkBuffer handle)
+{
+    gn_lock(device);
+    struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)handle);
+    if (buffer)
+        buffer_gains_address(device, buffer);
+    gn_unlock(device);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BindBufferMemory(VkDevice handle, VkBuffer buffer, VkDeviceMemory memory,
+                                                         VkDeviceSize offset)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.BindBufferMemory(handle, buffer, memory, offset);
+    if (result == VK_SUCCESS)
+        buffer_bound(device, buffer);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BindBufferMemory2(VkDevice handle, uint32_t count,
+                                                          const VkBindBufferMemoryInfo *infos)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.BindBufferMemory2(handle, count, infos);
+    if (result == VK_SUCCESS)
+        for (uint32_t i = 0; i < count; i++)
+            buffer_bound(device, infos[i].buffer);
+    return result;
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_GetDeviceBufferMemoryRequirements(VkDevice handle,
+                                                                      const VkDeviceBufferMemoryRequirements *info,
+                                                                      VkMemoryRequirements2 *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct patched patched;
+    patch(info->pCreateInfo, &patched);
+    VkDeviceBufferMemoryRequirements asked = *info;
+    asked.pCreateInfo = patched.changed ? &patched.info : info->pCreateInfo;
+    device->next.GetDeviceBufferMemoryRequirements(handle, &asked, out);
+}
+
+struct gn_buffer *gn_buffer_holding(struct gn_device *device, uint64_t address, uint64_t size)
+{
+    struct gn_range *range = gn_ranges_holding(&device->inputs, address, size);
+    return range ? (struct gn_buffer *)(void *)((char *)range - offsetof(struct gn_buffer, range)) : NULL;
+}
+
+void gn_buffers_finish(struct gn_device *device)
+{
+    size_t cursor = 0;
+    struct gn_buffer *buffer;
+    while ((buffer = gn_map_next(&device->buffers, &cursor)))
+        free(buffer);
+    gn_map_finish(&device->buffers);
+    device->inputs.root = NULL;
+}

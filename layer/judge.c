@@ -1,0 +1,153 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* From instance records to values: every reference is looked up among the structures that lived when the build ran, and the
+ * rules see the result. */
+#include "layer/layer.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* The distinct structures that one build refers to. */
+struct roll {
+    struct gn_device *device;
+    uint32_t queue;
+    uint64_t position;
+    bool by_handle; /* references are handles, as in builds on the host */
+    struct gn_structure *structures;
+    uint32_t *uses;
+    uint32_t count, capacity;
+    struct gn_map index; /* reference -> index + 1 */
+};
+
+static bool grow(struct roll *roll)
+{
+    uint32_t capacity = roll->capacity ? roll->capacity * 2 : 16;
+    struct gn_structure *structures = realloc(roll->structures, capacity * sizeof *structures);
+    if (structures)
+        roll->structures = structures;
+    uint32_t *uses = realloc(roll->uses, capacity * sizeof *uses);
+    if (uses)
+        roll->uses = uses;
+    if (!structures || !uses)
+        return false;
+    roll->capacity = capacity;
+    return true;
+}
+
+/* UINT32_MAX - 2 stands for "no memory": the caller gives up. */
+#define NO_MEMORY 0xFFFFFFFDu
+
+static uint32_t look_up(struct roll *roll, uint64_t reference)
+{
+    if (!reference)
+        return GN_REFERENCE_NULL;
+    uintptr_t known = (uintptr_t)gn_map_get(&roll->index, reference);
+    if (known) {
+        roll->uses[known - 1]++;
+        return (uint32_t)(known - 1);
+    }
+    struct gn_device *device = roll->device;
+    struct gn_as *as = roll->by_handle ? gn_map_get(&device->structures, reference)
+                                       : gn_as_at(device, reference, roll->queue, roll->position);
+    if (!as)
+        return GN_REFERENCE_UNKNOWN;
+    if ((roll->count == roll->capacity && !grow(roll)) ||
+        !gn_map_put(&roll->index, reference, (void *)(uintptr_t)(roll->count + 1)))
+        return NO_MEMORY;
+    roll->structures[roll->count] = (struct gn_structure){.object = {as->kind, (uint64_t)as->handle, as->name},
+                                                          .id = as->id,
+                                                          .address = as->address,
+                                                          .built = gn_as_built(as, roll->queue, roll->position)};
+    roll->uses[roll->count] = 1;
+    return roll->count++;
+}
+
+static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_instance_record *records, uint32_t count,
+                  const char *place, struct gn_findings *out)
+{
+    struct gn_device *device = roll->device;
+    uint32_t *refers_to = malloc((count ? count : 1) * sizeof *refers_to);
+    uint64_t unknown = 0, unordered = 0, last_reference = 0;
+    uint32_t last = GN_REFERENCE_NULL;
+    if (!refers_to)
+        goto fail;
+    for (uint32_t i = 0; i < count; i++) {
+        uint64_t reference = records[i].reference;
+        if (i == 0 || reference != last_reference || last == GN_REFERENCE_UNKNOWN) {
+            last = look_up(roll, reference);
+            last_reference = reference;
+        } else if (last < roll->count) {
+            roll->uses[last]++;
+        }
+        if (last == NO_MEMORY)
+            goto fail;
+        unknown += last == GN_REFERENCE_UNKNOWN;
+        refers_to[i] = last;
+    }
+    for (uint32_t i = 0; i < roll->count; i++)
+        if (roll->structures[i].built == GN_BUILT_UNORDERED)
+            unordered += roll->uses[i];
+
+    struct gn_tlas_build build = {.tlas = {GN_OBJECT_TLAS, (uint64_t)tlas->handle, tlas->name},
+                                  .tlas_id = tlas->id,
+                                  .place = place,
+                                  .instance_count = count,
+                                  .instances = records,
+                                  .refers_to = refers_to,
+                                  .structure_count = roll->count,
+                                  .structures = roll->structures};
+    gn_report_judge(device->instance, &build, out);
+    gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
+    gn_tally_check(device, GN_CHECKED_instances, count - unknown - unordered);
+    gn_tally_unjudged(device, GN_UNJUDGED_unknown_reference, unknown);
+    gn_tally_unjudged(device, GN_UNJUDGED_other_order, unordered);
+    goto done;
+fail:
+    gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+done:
+    free(refers_to);
+    free(roll->structures);
+    free(roll->uses);
+    gn_map_finish(&roll->index);
+}
+
+void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judgement, struct gn_findings *out)
+{
+    const struct gn_capture *capture = judgement->capture;
+    const struct gn_command_buffer *commands = gn_command_buffer_get(device, judgement->command_buffer);
+    const struct gn_queue *queue = device->first_queue;
+    while (queue && queue->id != judgement->queue)
+        queue = queue->next;
+
+    char commands_text[256], queue_text[256], place[768];
+    struct gn_object commands_object = {GN_OBJECT_COMMAND_BUFFER, (uint64_t)(uintptr_t)judgement->command_buffer,
+                                        commands ? commands->name : NULL};
+    struct gn_object queue_object = {GN_OBJECT_QUEUE, queue ? (uint64_t)(uintptr_t)queue->handle : 0,
+                                     queue ? queue->name : NULL};
+    snprintf(place, sizeof place, "vkCmdBuildAccelerationStructuresKHR, pInfos[%u], of %s in queue submission %llu (%s)",
+             capture->info, gn_object_describe(&commands_object, commands_text, sizeof commands_text),
+             (unsigned long long)judgement->submission,
+             gn_object_describe(&queue_object, queue_text, sizeof queue_text));
+    struct roll roll = {.device = device, .queue = judgement->queue, .position = judgement->position};
+    judge(&roll, judgement->tlas, capture->records, capture->record_count, place, out);
+}
+
+_Static_assert(sizeof(VkAccelerationStructureInstanceKHR) == sizeof(struct gn_instance_record),
+               "the rules read instance records as they lie in memory");
+
+void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAccelerationStructureInstanceKHR *const *records,
+                   uint32_t count, uint64_t position, uint32_t info, struct gn_findings *out)
+{
+    struct gn_instance_record *copy = malloc((count ? count : 1) * sizeof *copy);
+    if (!copy) {
+        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        return;
+    }
+    for (uint32_t i = 0; i < count; i++)
+        memcpy(&copy[i], records[i], sizeof *copy);
+    char place[128];
+    snprintf(place, sizeof place, "vkBuildAccelerationStructuresKHR, pInfos[%u], on the host", info);
+    struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .by_handle = true};
+    judge(&roll, tlas, copy, count, place, out);
+    free(copy);
+}

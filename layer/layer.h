@@ -1,0 +1,337 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The layer's own state. Vulkan's objects live in per-device maps behind one mutex; rules run outside of it.
+ *
+ * Time: every device counts positions. Creating, destroying, and each executed command that touches an acceleration structure
+ * take the next position, so that positions of one queue are in submission order. Commands are recorded as
+ * events without a position; replaying a submission gives them theirs (submit.c). */
+#ifndef GN_LAYER_LAYER_H
+#define GN_LAYER_LAYER_H
+
+#include <pthread.h>
+#include <stdatomic.h>
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <vulkan/vk_layer.h>
+#include <vulkan/vulkan.h>
+
+#include "checks/rules/rules.h"
+#include "layer/map.h"
+#include "layer/settings.h"
+
+#define GN_INSTANCE_COMMAND(name) extern __typeof__(vk##name) gn_entry_##name;
+#define GN_DEVICE_COMMAND(name) extern __typeof__(vk##name) gn_entry_##name;
+#include "layer/commands.def"
+extern __typeof__(vkCreateInstance) gn_entry_CreateInstance;
+extern __typeof__(vkDestroyDevice) gn_entry_DestroyDevice;
+extern __typeof__(vkGetInstanceProcAddr) gn_entry_GetInstanceProcAddr;
+extern __typeof__(vkGetDeviceProcAddr) gn_entry_GetDeviceProcAddr;
+
+struct gn_instance_next {
+    PFN_vkGetInstanceProcAddr GetInstanceProcAddr;
+#define GN_INSTANCE_COMMAND(name) PFN_vk##name name;
+#define GN_INSTANCE_USED(name) PFN_vk##name name;
+#include "layer/commands.def"
+};
+
+struct gn_device_next {
+    PFN_vkGetDeviceProcAddr GetDeviceProcAddr;
+#define GN_DEVICE_COMMAND(name) PFN_vk##name name;
+#define GN_DEVICE_USED(name) PFN_vk##name name;
+#include "layer/commands.def"
+};
+
+enum gn_checked {
+#define GN_CHECKED(name, what) GN_CHECKED_##name,
+#include "layer/tally.def"
+    GN_CHECKED_COUNT
+};
+
+enum gn_unjudged {
+#define GN_UNJUDGED(name, what, why) GN_UNJUDGED_##name,
+#include "layer/tally.def"
+    GN_UNJUDGED_COUNT
+};
+
+struct gn_tally {
+    atomic_ullong checked[GN_CHECKED_COUNT];
+    atomic_ullong unjudged[GN_UNJUDGED_COUNT];
+};
+
+struct gn_messenger {
+    VkDebugUtilsMessengerEXT handle; /* VK_NULL_HANDLE: from the pNext chain of instance creation */
+    VkDebugUtilsMessageSeverityFlagsEXT severities;
+    VkDebugUtilsMessageTypeFlagsEXT types;
+    PFN_vkDebugUtilsMessengerCallbackEXT callback;
+    void *user_data;
+};
+
+struct gn_log;
+
+struct gn_instance {
+    VkInstance handle;
+    void *key;
+    struct gn_instance_next next;
+    struct gn_settings settings;
+    struct gn_tally tally;
+    atomic_uint tracked_devices, passed_devices; /* ever created, with and without acceleration structures */
+    pthread_mutex_t lock;                        /* of everything below */
+    struct gn_messenger *messengers;
+    uint32_t messenger_count;
+    struct gn_map sites; /* findings by site */
+    struct gn_log *log;
+    const char *unjudged_extensions[16]; /* enabled by the application, recognised, not judged; static strings */
+    uint32_t unjudged_extension_count;
+    unsigned long long evaluated[256];   /* per rule of the catalogue */
+    unsigned long long findings, sites_reported;
+    bool closed;
+};
+
+/* The queue id of what the host executes. Queues of the device count from 1. */
+#define GN_QUEUE_HOST 0
+
+/* The first time a structure was built on one queue. */
+struct gn_built_on {
+    uint32_t queue;
+    uint64_t position;
+};
+
+/* An acceleration structure. Lives on after its destruction while a recording or a judgement refers to it. */
+struct gn_as {
+    VkAccelerationStructureKHR handle;
+    uint64_t id;
+    enum gn_object_kind kind; /* of a GENERIC structure: what it was built as, GN_OBJECT_STRUCTURE before that */
+    uint64_t address;         /* 0 until it is known */
+    struct gn_as *same_address;
+    uint64_t created_at, destroyed_at; /* destroyed_at is 0 while it is alive */
+    uint64_t generation;               /* how many builds, updates and copies wrote it */
+    struct gn_built_on *built;
+    uint32_t built_count;
+    uint32_t references;
+    char *name;
+    struct gn_as *next_destroyed;
+};
+
+/* A buffer that may be input of a build, or hold structures. */
+struct gn_buffer {
+    VkBuffer handle;
+    VkDeviceSize size;
+    bool has_address;  /* created with device-address usage */
+    bool build_input;
+    bool can_copy;     /* has TRANSFER_SRC usage, by itself or by the layer */
+    bool bound;
+    struct gn_range range; /* in gn_device.inputs once build_input && bound */
+};
+
+struct gn_staging_block;
+
+/* The instance records of one recorded TLAS build, as the GPU copies them. */
+struct gn_capture {
+    struct gn_staging_block *block;
+    VkDeviceSize offset;
+    const struct gn_instance_record *records;
+    uint32_t record_count;
+    uint32_t info, geometry; /* pInfos[info].pGeometries[geometry] */
+    struct gn_judgement *pending;
+};
+
+enum gn_event_kind {
+    GN_EVENT_BUILD,
+    GN_EVENT_UPDATE,
+    GN_EVENT_INDIRECT_BUILD,
+    GN_EVENT_COPY,
+    GN_EVENT_COMPACT,
+    GN_EVENT_DESERIALIZE,
+    GN_EVENT_SERIALIZE,
+    GN_EVENT_QUERY,
+    GN_EVENT_EXECUTE
+};
+
+/* Something recorded. Events of one command share `command`, and later a position. */
+struct gn_event {
+    enum gn_event_kind kind;
+    uint32_t command;
+    struct gn_as *target; /* written; NULL if none */
+    struct gn_as *source; /* read; NULL if none */
+    bool is_tlas;                 /* a build or update of a TLAS */
+    struct gn_capture *capture;   /* of a TLAS build that is judged; NULL when it reads no instances */
+    enum gn_unjudged unjudged;    /* of a TLAS build that is not judged: why; else GN_UNJUDGED_COUNT */
+    struct gn_recording *secondary;
+};
+
+/* What one recording of a command buffer holds. Shared by the command buffer, by primaries that execute it, and by
+ * judgements under way. */
+struct gn_recording {
+    uint32_t references;
+    bool simultaneous;
+    uint32_t command_count;
+    struct gn_event *events;
+    uint32_t count, capacity;
+};
+
+struct gn_command_buffer {
+    VkCommandBuffer handle;
+    struct gn_command_pool *pool;
+    struct gn_command_buffer *previous, *next;
+    bool simultaneous;
+    struct gn_recording *recording; /* NULL until something is recorded */
+    char *name;
+};
+
+struct gn_command_pool {
+    VkCommandPool handle;
+    bool is_protected;
+    struct gn_command_buffer *first;
+};
+
+/* One execution of a TLAS build, to be judged once its submission has completed. */
+struct gn_judgement {
+    struct gn_recording *recording; /* a reference, for it owns the capture */
+    struct gn_capture *capture;
+    struct gn_as *tlas;
+    VkCommandBuffer command_buffer;
+    uint32_t queue;
+    uint64_t position;
+    uint64_t submission;
+    struct gn_judgement *next;
+};
+
+struct gn_submission {
+    uint64_t number;
+    uint64_t first_position;
+    VkFence fence;
+    bool owned;    /* the fence is the layer's */
+    bool accepted; /* the next layer has returned success: the fence may be asked */
+    bool done;
+    struct gn_judgement *judgements, **last;
+    struct gn_submission *next;
+};
+
+struct gn_queue {
+    VkQueue handle;
+    uint32_t id;
+    char *name;
+    struct gn_submission *oldest, **newest; /* those that still wait to be judged */
+    struct gn_queue *next;
+};
+
+struct gn_device {
+    VkDevice handle;
+    void *key;
+    struct gn_instance *instance;
+    VkPhysicalDevice physical;
+    struct gn_device_next next;
+    bool tracked;            /* has acceleration structures; nothing below is in use otherwise */
+    bool copies;             /* instance records can be copied on this device */
+    enum gn_unjudged no_copies_because;
+    VkPhysicalDeviceMemoryProperties memory;
+    atomic_uint pending;     /* submissions that wait to be judged */
+
+    pthread_mutex_t lock;    /* of everything below */
+    uint64_t position;
+    uint64_t submission_count;
+    struct gn_map buffers, structures, addresses, pools, command_buffers, queues;
+    struct gn_ranges inputs;
+    struct gn_queue *first_queue;
+    uint32_t queue_count;
+    struct gn_as *destroyed; /* still in `addresses` because a judgement may need them */
+    struct gn_staging_block *blocks;
+    VkDeviceSize idle_staging;
+    VkFence *fences; /* the layer's own, not in use by a submission it still watches */
+    uint32_t fence_count, fence_capacity;
+};
+
+/* entry.c: from a dispatchable handle to the state; NULL when the layer does not know it. */
+struct gn_instance *gn_instance_of(const void *dispatchable);
+struct gn_device *gn_device_of(const void *dispatchable);
+bool gn_instance_register(struct gn_instance *instance);
+void gn_instance_forget(struct gn_instance *instance);
+bool gn_device_register(struct gn_device *device);
+void gn_device_forget(struct gn_device *device);
+const void *gn_chain_find(const void *chain, VkStructureType type);
+
+/* device.c */
+static inline void gn_tally_check(struct gn_device *device, enum gn_checked what, uint64_t count)
+{
+    atomic_fetch_add_explicit(&device->instance->tally.checked[what], count, memory_order_relaxed);
+}
+static inline void gn_tally_unjudged(struct gn_device *device, enum gn_unjudged what, uint64_t count)
+{
+    atomic_fetch_add_explicit(&device->instance->tally.unjudged[what], count, memory_order_relaxed);
+}
+static inline void gn_lock(struct gn_device *device)
+{
+    pthread_mutex_lock(&device->lock);
+}
+static inline void gn_unlock(struct gn_device *device)
+{
+    pthread_mutex_unlock(&device->lock);
+}
+
+/* buffer.c; with the device locked. */
+void gn_buffers_finish(struct gn_device *device);
+struct gn_buffer *gn_buffer_holding(struct gn_device *device, uint64_t address, uint64_t size);
+
+/* structure.c; with the device locked. */
+struct gn_as *gn_as_get(struct gn_device *device, VkAccelerationStructureKHR handle);
+struct gn_as *gn_as_keep(struct gn_as *as);
+void gn_as_release(struct gn_as *as);
+/* Records that something with `queue` and `position` wrote the structure. */
+void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, uint64_t position);
+/* The state of the build of `as`, seen from `queue` at `position`. */
+enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position);
+/* The structure that owned `address` for an event at `position`; where several did, the one whose build speaks best. */
+struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position);
+/* Frees destroyed structures that no judgement can ask for any more. */
+void gn_as_purge(struct gn_device *device);
+void gn_as_finish(struct gn_device *device);
+
+/* record.c; with the device locked. */
+struct gn_command_buffer *gn_command_buffer_get(struct gn_device *device, VkCommandBuffer handle);
+struct gn_recording *gn_recording_keep(struct gn_recording *recording);
+void gn_recording_release(struct gn_device *device, struct gn_recording *recording);
+/* Appends an event to what the command buffer records, keeping what it refers to; NULL without memory, which is counted. */
+struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_command_buffer *commands,
+                                       const struct gn_event *event);
+void gn_command_buffers_finish(struct gn_device *device);
+
+/* staging.c: host-visible memory of the layer; with the device locked. */
+bool gn_staging_take(struct gn_device *device, VkDeviceSize size, struct gn_capture *out);
+VkBuffer gn_staging_buffer(const struct gn_capture *capture);
+void gn_staging_give(struct gn_device *device, const struct gn_capture *capture);
+void gn_staging_finish(struct gn_device *device);
+
+/* submit.c; only the first is called with the device locked. */
+struct gn_queue *gn_queue_get(struct gn_device *device, VkQueue handle);
+/* Judges what has completed. */
+void gn_device_collect(struct gn_device *device);
+/* Judges what is left when the device ends, and frees the queues. */
+void gn_queues_finish(struct gn_device *device);
+
+/* judge.c; with the device locked, so that neither the objects nor the copied records change under the rules. Findings are
+ * collected, and reported once the lock is released: a messenger of the application may take locks of its own. */
+struct gn_findings;
+void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judgement, struct gn_findings *out);
+/* A TLAS build on the host, whose references are handles. */
+void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAccelerationStructureInstanceKHR *const *records,
+                   uint32_t count, uint64_t position, uint32_t info, struct gn_findings *out);
+
+/* report.c */
+struct gn_pending_finding;
+struct gn_findings {
+    struct gn_pending_finding *first, **last;
+};
+void gn_findings_init(struct gn_findings *findings);
+/* Runs the rules, collecting what is new and counting what is known. */
+void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out);
+/* Gives the findings to every sink and empties the list. Without any lock. */
+void gn_report_flush(struct gn_instance *instance, struct gn_findings *findings);
+/* A message about the layer's own conduct (its settings, say) to messengers and stderr. */
+void gn_report_say(struct gn_instance *instance, enum gn_severity severity, const char *id, const char *text);
+/* The last counts and the closing statement to every sink; closes the log. `ending` says how it came to this. */
+void gn_report_close(struct gn_instance *instance, const char *ending);
+void gn_messenger_add(struct gn_instance *instance, VkDebugUtilsMessengerEXT handle,
+                      const VkDebugUtilsMessengerCreateInfoEXT *info);
+void gn_messenger_remove(struct gn_instance *instance, VkDebugUtilsMessengerEXT handle);
+
+#endif

@@ -1,0 +1,327 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Findings on their way out: told apart by site and counted, then given to the application's messengers, to stderr and to
+ * the log. And the closing statement: what was checked, what was not, and why. */
+#include "layer/layer.h"
+#include "layer/log.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* A finding at one site, however often it recurs. */
+struct gn_site {
+    uint64_t count;
+    int64_t place; /* of the count in the log, -1 before it is there */
+};
+
+struct gn_pending_finding {
+    struct gn_finding finding;
+    uint64_t site;
+    struct gn_pending_finding *next;
+    /* the message and the names of the objects follow */
+};
+
+struct collector {
+    struct gn_instance *instance;
+    struct gn_findings *findings;
+};
+
+void gn_findings_init(struct gn_findings *findings)
+{
+    findings->first = NULL;
+    findings->last = &findings->first;
+}
+
+/* The first of each power of two of a count goes to the log at once, so that a killed process leaves nearly the right
+ * number; the closing of the log writes the last one. */
+static bool repeated(void *context, const struct gn_rule *rule, uint64_t key)
+{
+    struct gn_instance *instance = ((struct collector *)context)->instance;
+    (void)rule;
+    bool known = true;
+    pthread_mutex_lock(&instance->lock);
+    struct gn_site *site = gn_map_get(&instance->sites, key);
+    instance->findings++;
+    if (site) {
+        site->count++;
+        if (instance->log && (site->count & (site->count - 1)) == 0)
+            gn_log_recount(instance->log, site->place, site->count);
+    } else {
+        known = false;
+        site = malloc(sizeof *site);
+        if (site) {
+            *site = (struct gn_site){.count = 1, .place = -1};
+            if (!gn_map_put(&instance->sites, key, site))
+                free(site);
+        }
+    }
+    pthread_mutex_unlock(&instance->lock);
+    return known;
+}
+
+static void collect(void *context, uint64_t site, const struct gn_finding *finding)
+{
+    struct gn_findings *out = ((struct collector *)context)->findings;
+    size_t size = sizeof(struct gn_pending_finding) + strlen(finding->message) + 1;
+    for (uint32_t i = 0; i < finding->object_count; i++)
+        size += finding->objects[i].name ? strlen(finding->objects[i].name) + 1 : 0;
+    struct gn_pending_finding *pending = malloc(size);
+    if (!pending)
+        return;
+    *pending = (struct gn_pending_finding){.finding = *finding, .site = site};
+    char *text = (char *)(pending + 1);
+    pending->finding.message = strcpy(text, finding->message);
+    text += strlen(text) + 1;
+    for (uint32_t i = 0; i < finding->object_count; i++)
+        if (finding->objects[i].name) {
+            pending->finding.objects[i].name = strcpy(text, finding->objects[i].name);
+            text += strlen(text) + 1;
+        }
+    *out->last = pending;
+    out->last = &pending->next;
+}
+
+void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out)
+{
+    struct collector collector = {instance, out};
+    struct gn_report report = {.profile = instance->settings.profile,
+                               .enabled = instance->settings.rules,
+                               .context = &collector,
+                               .repeated = repeated,
+                               .finding = collect};
+    gn_rules_judge_tlas_build(build, &report);
+    pthread_mutex_lock(&instance->lock);
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        instance->evaluated[i] += gn_rule_set_has(&report.evaluated, i);
+    pthread_mutex_unlock(&instance->lock);
+}
+
+static VkDebugUtilsMessageSeverityFlagBitsEXT severity_bit(enum gn_severity severity)
+{
+    return severity == GN_SEVERITY_ERROR     ? VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT
+           : severity == GN_SEVERITY_WARNING ? VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT
+                                             : VK_DEBUG_UTILS_MESSAGE_SEVERITY_INFO_BIT_EXT;
+}
+
+static VkObjectType object_type(enum gn_object_kind kind)
+{
+    switch (kind) {
+    case GN_OBJECT_BLAS:
+    case GN_OBJECT_TLAS:
+    case GN_OBJECT_STRUCTURE:
+        return VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR;
+    case GN_OBJECT_BUFFER:
+        return VK_OBJECT_TYPE_BUFFER;
+    case GN_OBJECT_COMMAND_BUFFER:
+        return VK_OBJECT_TYPE_COMMAND_BUFFER;
+    case GN_OBJECT_QUEUE:
+        return VK_OBJECT_TYPE_QUEUE;
+    case GN_OBJECT_DEVICE:
+        return VK_OBJECT_TYPE_DEVICE;
+    default:
+        return VK_OBJECT_TYPE_UNKNOWN;
+    }
+}
+
+/* The messengers of instance creation speak only while an instance is created or destroyed. Vulkan forbids destroying a
+ * messenger while another thread is in a command of the instance, so a copy of the list is safe. */
+static void send(struct gn_instance *instance, bool creation_messengers, VkDebugUtilsMessageTypeFlagsEXT type,
+                 enum gn_severity severity, const char *id, const char *text, const struct gn_object *objects,
+                 uint32_t object_count)
+{
+    VkDebugUtilsObjectNameInfoEXT names[GN_FINDING_MAX_OBJECTS];
+    for (uint32_t i = 0; i < object_count; i++)
+        names[i] = (VkDebugUtilsObjectNameInfoEXT){.sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_NAME_INFO_EXT,
+                                                   .objectType = object_type(objects[i].kind),
+                                                   .objectHandle = objects[i].handle,
+                                                   .pObjectName = objects[i].name};
+    int32_t number = 0;
+    for (const char *c = id; *c; c++)
+        number = (int32_t)((uint32_t)number * 31u + (unsigned char)*c);
+    VkDebugUtilsMessengerCallbackDataEXT data = {
+        .sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CALLBACK_DATA_EXT,
+        .pMessageIdName = id,
+        .messageIdNumber = number,
+        .pMessage = text,
+        .objectCount = object_count,
+        .pObjects = object_count ? names : NULL,
+    };
+
+    pthread_mutex_lock(&instance->lock);
+    uint32_t count = instance->messenger_count;
+    struct gn_messenger *messengers = count ? malloc(count * sizeof *messengers) : NULL;
+    if (messengers)
+        memcpy(messengers, instance->messengers, count * sizeof *messengers);
+    pthread_mutex_unlock(&instance->lock);
+    for (uint32_t i = 0; messengers && i < count; i++)
+        if ((messengers[i].handle != VK_NULL_HANDLE || creation_messengers) &&
+            (messengers[i].severities & severity_bit(severity)) && (messengers[i].types & type))
+            messengers[i].callback(severity_bit(severity), type, &data, messengers[i].user_data);
+    free(messengers);
+}
+
+void gn_report_flush(struct gn_instance *instance, struct gn_findings *findings)
+{
+    for (struct gn_pending_finding *pending = findings->first, *next; pending; pending = next) {
+        next = pending->next;
+        const struct gn_finding *finding = &pending->finding;
+        if (finding->severity >= instance->settings.severity_floor) {
+            pthread_mutex_lock(&instance->lock);
+            instance->sites_reported++;
+            struct gn_site *site = gn_map_get(&instance->sites, pending->site);
+            if (instance->log) {
+                int64_t place = gn_log_finding(instance->log, finding, site ? site->count : 1);
+                if (site)
+                    site->place = place;
+            }
+            pthread_mutex_unlock(&instance->lock);
+
+            struct gn_text text = {0};
+            gn_text_add(&text, "%s\nRemedy: %s\nSource:", finding->message, finding->rule->remedy);
+            for (uint32_t i = 0; finding->rule->sources[i]; i++)
+                gn_text_add(&text, " %s", finding->rule->sources[i]);
+            const char *message = text.failed ? finding->message : text.data;
+            if (instance->settings.report_stderr)
+                fprintf(stderr, "gnomon: %s: %s: %s\n", gn_severity_name(finding->severity), finding->rule->id, message);
+            send(instance, false, VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT, finding->severity, finding->rule->id,
+                 message, finding->objects, finding->object_count);
+            gn_text_finish(&text);
+        }
+        free(pending);
+    }
+    gn_findings_init(findings);
+}
+
+void gn_report_say(struct gn_instance *instance, enum gn_severity severity, const char *id, const char *text)
+{
+    if (severity < instance->settings.severity_floor)
+        return;
+    if (instance->settings.report_stderr)
+        fprintf(stderr, "gnomon: %s: %s: %s\n", gn_severity_name(severity), id, text);
+    send(instance, true, VK_DEBUG_UTILS_MESSAGE_TYPE_GENERAL_BIT_EXT, severity, id, text, NULL, 0);
+}
+
+static const char *const checked_names[] = {
+#define GN_CHECKED(name, what) what,
+#include "layer/tally.def"
+};
+
+static const struct {
+    const char *what, *why;
+} unjudged_names[] = {
+#define GN_UNJUDGED(name, what, why) {what, why},
+#include "layer/tally.def"
+};
+
+static void add_statement(struct gn_instance *instance, struct gn_text *text, const char *ending)
+{
+    gn_text_add(text, "{\"statement\":{\"profile\":\"%s\",\"ending\":", gn_profile_name(instance->settings.profile));
+    gn_text_add_string(text, ending);
+    gn_text_add(text,
+                ",\"findings\":%llu,\"sites\":%zu,\"devices\":{\"judged\":%u,\"passed_through\":%u},\"checked\":[",
+                instance->findings, instance->sites.count, atomic_load(&instance->tracked_devices),
+                atomic_load(&instance->passed_devices));
+    for (int i = 0; i < GN_CHECKED_COUNT; i++)
+        gn_text_add(text, "%s{\"what\":\"%s\",\"count\":%llu}", i ? "," : "", checked_names[i],
+                    atomic_load(&instance->tally.checked[i]));
+    gn_text_add(text, "],\"not_checked\":[");
+    const char *comma = "";
+    for (int i = 0; i < GN_UNJUDGED_COUNT; i++) {
+        unsigned long long count = atomic_load(&instance->tally.unjudged[i]);
+        if (count) {
+            gn_text_add(text, "%s{\"what\":\"%s\",\"count\":%llu,\"why\":\"%s\"}", comma, unjudged_names[i].what, count,
+                        unjudged_names[i].why);
+            comma = ",";
+        }
+    }
+    for (uint32_t i = 0; i < instance->unjudged_extension_count; i++) {
+        gn_text_add(text, "%s{\"what\":\"%s\",\"why\":\"the extension is recognised but its commands are not judged\"}", comma,
+                    instance->unjudged_extensions[i]);
+        comma = ",";
+    }
+    gn_text_add(text, "],\"rules\":[");
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        gn_text_add(text, "%s{\"rule\":\"%s\",\"evaluated\":%llu}", i ? "," : "", gn_rules_at(i)->id,
+                    instance->evaluated[i]);
+    gn_text_add(text, "]}}");
+}
+
+/* The statement in one paragraph for people. */
+static void add_summary(struct gn_instance *instance, struct gn_text *text)
+{
+    gn_text_add(text, "%llu finding%s at %zu site%s. Checked:", instance->findings, instance->findings == 1 ? "" : "s",
+                instance->sites.count, instance->sites.count == 1 ? "" : "s");
+    for (int i = 0; i < GN_CHECKED_COUNT; i++)
+        gn_text_add(text, "%s %llu %s", i ? "," : "", atomic_load(&instance->tally.checked[i]), checked_names[i]);
+    gn_text_add(text, ". Not checked:");
+    const char *comma = "";
+    for (int i = 0; i < GN_UNJUDGED_COUNT; i++) {
+        unsigned long long count = atomic_load(&instance->tally.unjudged[i]);
+        if (count) {
+            gn_text_add(text, "%s %llu %s (%s)", comma, count, unjudged_names[i].what, unjudged_names[i].why);
+            comma = ",";
+        }
+    }
+    for (uint32_t i = 0; i < instance->unjudged_extension_count; i++) {
+        gn_text_add(text, "%s %s", comma, instance->unjudged_extensions[i]);
+        comma = ",";
+    }
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        if (!instance->evaluated[i]) {
+            gn_text_add(text, "%s rule %s (never evaluated)", comma, gn_rules_at(i)->id);
+            comma = ",";
+        }
+    gn_text_add(text, "%s.", *comma ? "" : " nothing was left out");
+}
+
+void gn_report_close(struct gn_instance *instance, const char *ending)
+{
+    struct gn_text statement = {0}, summary = {0};
+    pthread_mutex_lock(&instance->lock);
+    bool first = !instance->closed;
+    instance->closed = true;
+    if (first) {
+        add_statement(instance, &statement, ending);
+        add_summary(instance, &summary);
+        size_t cursor = 0;
+        struct gn_site *site;
+        while (instance->log && (site = gn_map_next(&instance->sites, &cursor)))
+            gn_log_recount(instance->log, site->place, site->count);
+        if (instance->log && !statement.failed)
+            gn_log_line(instance->log, statement.data, statement.size);
+    }
+    pthread_mutex_unlock(&instance->lock);
+    /* An application that never touched an acceleration structure hears nothing. */
+    if (first && atomic_load(&instance->tracked_devices) && !summary.failed)
+        gn_report_say(instance, GN_SEVERITY_NOTE, "statement", summary.data);
+    gn_text_finish(&statement);
+    gn_text_finish(&summary);
+}
+
+void gn_messenger_add(struct gn_instance *instance, VkDebugUtilsMessengerEXT handle,
+                      const VkDebugUtilsMessengerCreateInfoEXT *info)
+{
+    pthread_mutex_lock(&instance->lock);
+    struct gn_messenger *grown =
+        realloc(instance->messengers, (instance->messenger_count + 1) * sizeof *instance->messengers);
+    if (grown) {
+        instance->messengers = grown;
+        grown[instance->messenger_count++] = (struct gn_messenger){.handle = handle,
+                                                                   .severities = info->messageSeverity,
+                                                                   .types = info->messageType,
+                                                                   .callback = info->pfnUserCallback,
+                                                                   .user_data = info->pUserData};
+    }
+    pthread_mutex_unlock(&instance->lock);
+}
+
+void gn_messenger_remove(struct gn_instance *instance, VkDebugUtilsMessengerEXT handle)
+{
+    pthread_mutex_lock(&instance->lock);
+    for (uint32_t i = 0; i < instance->messenger_count; i++)
+        if (instance->messengers[i].handle == handle) {
+            instance->messengers[i] = instance->messengers[--instance->messenger_count];
+            break;
+        }
+    pthread_mutex_unlock(&instance->lock);
+}

@@ -1,0 +1,33 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The layer's settings: read once when an instance is created, from VK_EXT_layer_settings, the environment and
+ * vk_layer_settings.txt (in this order of precedence). */
+#ifndef GN_LAYER_SETTINGS_H
+#define GN_LAYER_SETTINGS_H
+
+#include <stdbool.h>
+#include <stdint.h>
+#include <vulkan/vulkan.h>
+
+#include "checks/rules/rules.h"
+
+#define GN_LAYER_NAME "VK_LAYER_GNOMON_ray_tracing"
+#define GN_SETTINGS_FILE_PREFIX "gnomon_ray_tracing."
+#define GN_SETTINGS_ENV_PREFIX "VK_GNOMON_RAY_TRACING_"
+
+struct gn_settings {
+    char *log_file; /* NULL: no log; %p already replaced */
+    bool report_stderr;
+    enum gn_severity severity_floor;
+    enum gn_profile profile;
+    struct gn_rule_set rules;
+    uint32_t instance_cap;
+    /* What was wrong with the settings, one sentence each; every fault leaves its setting at the default. */
+    char **warnings;
+    uint32_t warning_count;
+};
+
+/* Never fails: what cannot be read stays at its default and gives a warning. */
+void gn_settings_read(const VkInstanceCreateInfo *info, struct gn_settings *out);
+void gn_settings_finish(struct gn_settings *settings);
+
+#endif

@@ -1,0 +1,316 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Acceleration structures: their life, their addresses, when they were built; and the commands that run on the host. */
+#include "layer/layer.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+struct gn_as *gn_as_get(struct gn_device *device, VkAccelerationStructureKHR handle)
+{
+    return handle ? gn_map_get(&device->structures, (uint64_t)handle) : NULL;
+}
+
+struct gn_as *gn_as_keep(struct gn_as *as)
+{
+    if (as)
+        as->references++;
+    return as;
+}
+
+void gn_as_release(struct gn_as *as)
+{
+    if (!as || --as->references)
+        return;
+    free(as->built);
+    free(as->name);
+    free(as);
+}
+
+void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, uint64_t position)
+{
+    as->generation++;
+    for (uint32_t i = 0; i < as->built_count; i++)
+        if (as->built[i].queue == queue)
+            return; /* positions only rise */
+    struct gn_built_on *grown = realloc(as->built, (as->built_count + 1) * sizeof *grown);
+    if (!grown) {
+        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        return;
+    }
+    as->built = grown;
+    grown[as->built_count++] = (struct gn_built_on){queue, position};
+}
+
+/* What the host builds before the submission of a command happens before it. Any other pair of queues is ordered by
+ * semaphores, in ways that submission order does not show. */
+enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position)
+{
+    enum gn_built best = GN_BUILT_NEVER;
+    for (uint32_t i = 0; i < as->built_count; i++) {
+        const struct gn_built_on *built = &as->built[i];
+        enum gn_built seen;
+        if (built->queue == queue)
+            seen = built->position < position    ? GN_BUILT_BEFORE
+                   : built->position == position ? GN_BUILT_SAME_CALL
+                                                 : GN_BUILT_LATER;
+        else if (built->queue == GN_QUEUE_HOST && built->position < position)
+            seen = GN_BUILT_BEFORE;
+        else
+            seen = GN_BUILT_UNORDERED;
+        if (seen == GN_BUILT_BEFORE || best == GN_BUILT_NEVER || (best == GN_BUILT_LATER && seen != GN_BUILT_LATER) ||
+            (best == GN_BUILT_UNORDERED && seen == GN_BUILT_SAME_CALL))
+            best = seen;
+    }
+    return best;
+}
+
+/* Several structures may share an address: one that was destroyed since, one that was created since, or two that alias the same
+ * memory. The reader is given the benefit of the doubt. */
+struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position)
+{
+    struct gn_as *found = NULL;
+    for (struct gn_as *as = gn_map_get(&device->addresses, address); as; as = as->same_address) {
+        if (as->destroyed_at && as->destroyed_at < position)
+            continue;
+        enum gn_built built = gn_as_built(as, queue, position);
+        if (!found || (built != GN_BUILT_NEVER && built != GN_BUILT_LATER))
+            found = as;
+        if (built == GN_BUILT_BEFORE)
+            break;
+    }
+    return found;
+}
+
+static void learn_address(struct gn_device *device, struct gn_as *as, uint64_t address)
+{
+    if (as->address || !address)
+        return;
+    as->same_address = gn_map_get(&device->addresses, address);
+    if (gn_map_put(&device->addresses, address, as))
+        as->address = address;
+    else
+        as->same_address = NULL;
+}
+
+static void forget_address(struct gn_device *device, struct gn_as *as)
+{
+    if (!as->address)
+        return;
+    struct gn_as *head = gn_map_get(&device->addresses, as->address);
+    if (head == as) {
+        if (as->same_address)
+            gn_map_put(&device->addresses, as->address, as->same_address);
+        else
+            gn_map_take(&device->addresses, as->address);
+    } else {
+        while (head && head->same_address != as)
+            head = head->same_address;
+        if (head)
+            head->same_address = as->same_address;
+    }
+    as->same_address = NULL;
+}
+
+void gn_as_purge(struct gn_device *device)
+{
+    uint64_t oldest = UINT64_MAX;
+    for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
+        if (queue->oldest && queue->oldest->first_position < oldest)
+            oldest = queue->oldest->first_position;
+    for (struct gn_as **link = &device->destroyed; *link;) {
+        struct gn_as *as = *link;
+        if (as->destroyed_at >= oldest) {
+            link = &as->next_destroyed;
+            continue;
+        }
+        *link = as->next_destroyed;
+        forget_address(device, as);
+        gn_as_release(as);
+    }
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice handle,
+                                                                       const VkAccelerationStructureCreateInfoKHR *info,
+                                                                       const VkAllocationCallbacks *allocator,
+                                                                       VkAccelerationStructureKHR *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    static atomic_ullong last_id;
+    VkResult result = device->next.CreateAccelerationStructureKHR(handle, info, allocator, out);
+    if (result != VK_SUCCESS)
+        return result;
+    struct gn_as *as = calloc(1, sizeof *as);
+    if (!as) {
+        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        return result;
+    }
+    as->handle = *out;
+    as->id = atomic_fetch_add(&last_id, 1) + 1;
+    as->references = 1;
+    as->kind = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR      ? GN_OBJECT_TLAS
+               : info->type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR ? GN_OBJECT_BLAS
+                                                                               : GN_OBJECT_STRUCTURE;
+    gn_tally_check(device, GN_CHECKED_structures, 1);
+    gn_lock(device);
+    as->created_at = ++device->position;
+    if (!gn_map_put(&device->structures, (uint64_t)*out, as)) {
+        gn_as_release(as);
+        as = NULL;
+        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+    }
+    /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
+     * in the same place and never ask. */
+    struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)info->buffer);
+    if (as && buffer && buffer->bound && buffer->has_address) {
+        VkAccelerationStructureDeviceAddressInfoKHR query = {
+            .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR, .accelerationStructure = *out};
+        learn_address(device, as, device->next.GetAccelerationStructureDeviceAddressKHR(handle, &query));
+    }
+    gn_unlock(device);
+    return result;
+}
+
+VKAPI_ATTR VkDeviceAddress VKAPI_CALL gn_entry_GetAccelerationStructureDeviceAddressKHR(
+    VkDevice handle, const VkAccelerationStructureDeviceAddressInfoKHR *info)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkDeviceAddress address = device->next.GetAccelerationStructureDeviceAddressKHR(handle, info);
+    gn_lock(device);
+    struct gn_as *as = gn_as_get(device, info->accelerationStructure);
+    if (as)
+        learn_address(device, as, address);
+    gn_unlock(device);
+    return address;
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyAccelerationStructureKHR(VkDevice handle, VkAccelerationStructureKHR structure,
+                                                                    const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (structure) {
+        gn_device_collect(device);
+        gn_lock(device);
+        struct gn_as *as = gn_map_take(&device->structures, (uint64_t)structure);
+        if (as) {
+            as->destroyed_at = ++device->position;
+            as->next_destroyed = device->destroyed;
+            device->destroyed = as;
+            gn_as_purge(device);
+        }
+        gn_unlock(device);
+    }
+    device->next.DestroyAccelerationStructureKHR(handle, structure, allocator);
+}
+
+void gn_as_finish(struct gn_device *device)
+{
+    size_t cursor = 0;
+    struct gn_as *as;
+    gn_as_purge(device);
+    while ((as = gn_map_next(&device->structures, &cursor)))
+        gn_as_release(as);
+    gn_map_finish(&device->structures);
+    gn_map_finish(&device->addresses);
+}
+
+/* Whether the host has executed the command when it returned; under a deferred operation that is open. */
+static bool host_command_ran(VkResult result)
+{
+    return result == VK_SUCCESS || result == VK_OPERATION_DEFERRED_KHR || result == VK_OPERATION_NOT_DEFERRED_KHR;
+}
+
+static void host_wrote(struct gn_device *device, VkAccelerationStructureKHR structure, uint64_t position)
+{
+    struct gn_as *as = gn_as_get(device, structure);
+    if (as)
+        gn_as_written(device, as, GN_QUEUE_HOST, position);
+    gn_tally_check(device, GN_CHECKED_builds, 1);
+}
+
+static void host_judge(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index,
+                       const VkAccelerationStructureBuildRangeInfoKHR *ranges, uint64_t position,
+                       struct gn_findings *findings)
+{
+    for (uint32_t g = 0; g < info->geometryCount; g++) {
+        const VkAccelerationStructureGeometryKHR *geometry =
+            info->pGeometries ? &info->pGeometries[g] : info->ppGeometries[g];
+        if (geometry->geometryType != VK_GEOMETRY_TYPE_INSTANCES_KHR)
+            continue;
+        uint32_t count = ranges[g].primitiveCount, cap = device->instance->settings.instance_cap;
+        if (count > cap) {
+            gn_tally_unjudged(device, GN_UNJUDGED_above_cap, count - cap);
+            count = cap;
+        }
+        const VkAccelerationStructureInstanceKHR **records = malloc((count ? count : 1) * sizeof *records);
+        if (!records) {
+            gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+            continue;
+        }
+        const char *data = (const char *)geometry->geometry.instances.data.hostAddress + ranges[g].primitiveOffset;
+        for (uint32_t i = 0; i < count; i++)
+            records[i] = geometry->geometry.instances.arrayOfPointers
+                             ? ((const VkAccelerationStructureInstanceKHR *const *)(const void *)data)[i]
+                             : &((const VkAccelerationStructureInstanceKHR *)(const void *)data)[i];
+        struct gn_as *tlas = gn_as_get(device, info->dstAccelerationStructure);
+        if (tlas)
+            gn_judge_host(device, tlas, records, count, position, index, findings);
+        free(records);
+    }
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BuildAccelerationStructuresKHR(
+    VkDevice handle, VkDeferredOperationKHR deferred, uint32_t count, const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct gn_findings findings;
+    gn_findings_init(&findings);
+    VkResult result = device->next.BuildAccelerationStructuresKHR(handle, deferred, count, infos, ranges);
+    if (!host_command_ran(result))
+        return result;
+    gn_lock(device);
+    uint64_t position = ++device->position;
+    for (uint32_t i = 0; i < count; i++)
+        host_wrote(device, infos[i].dstAccelerationStructure, position);
+    for (uint32_t i = 0; i < count; i++) {
+        if (infos[i].type != VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR)
+            continue;
+        if (result == VK_OPERATION_DEFERRED_KHR)
+            gn_tally_unjudged(device, GN_UNJUDGED_deferred, 1);
+        else if (infos[i].flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV)
+            gn_tally_unjudged(device, GN_UNJUDGED_motion, 1);
+        else if (!device->copies && device->no_copies_because == GN_UNJUDGED_cluster_builds)
+            gn_tally_unjudged(device, GN_UNJUDGED_cluster_builds, 1);
+        else
+            host_judge(device, &infos[i], i, ranges[i], position, &findings);
+    }
+    gn_unlock(device);
+    gn_report_flush(device->instance, &findings);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CopyAccelerationStructureKHR(VkDevice handle, VkDeferredOperationKHR deferred,
+                                                                     const VkCopyAccelerationStructureInfoKHR *info)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.CopyAccelerationStructureKHR(handle, deferred, info);
+    if (host_command_ran(result)) {
+        gn_lock(device);
+        host_wrote(device, info->dst, ++device->position);
+        gn_unlock(device);
+    }
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CopyMemoryToAccelerationStructureKHR(
+    VkDevice handle, VkDeferredOperationKHR deferred, const VkCopyMemoryToAccelerationStructureInfoKHR *info)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.CopyMemoryToAccelerationStructureKHR(handle, deferred, info);
+    if (host_command_ran(result)) {
+        gn_lock(device);
+        host_wrote(device, info->dst, ++device->position);
+        gn_unlock(device);
+    }
+    return result;
+}

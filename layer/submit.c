@@ -1,0 +1,457 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Submission: recordings are replayed in the order of submission, TLAS builds wait for the completion of what they are
+ * part of, and are then judged. Completion is seen through the application's fence, or one of the layer's where it gave
+ * none; nothing is submitted in addition. */
+#include "layer/layer.h"
+
+#include <stdlib.h>
+
+#define MAX_NESTING 16
+
+/* A lost device answers waits at once; a device that hangs at its end is not waited for any longer. */
+#define LAST_WAIT_NANOSECONDS UINT64_C(1000000000)
+
+struct gn_queue *gn_queue_get(struct gn_device *device, VkQueue handle)
+{
+    struct gn_queue *queue = gn_map_get(&device->queues, (uint64_t)(uintptr_t)handle);
+    if (queue || !(queue = calloc(1, sizeof *queue)))
+        return queue;
+    queue->handle = handle;
+    queue->id = GN_QUEUE_HOST + 1 + device->queue_count;
+    queue->newest = &queue->oldest;
+    if (!gn_map_put(&device->queues, (uint64_t)(uintptr_t)handle, queue)) {
+        free(queue);
+        return NULL;
+    }
+    device->queue_count++;
+    queue->next = device->first_queue;
+    device->first_queue = queue;
+    return queue;
+}
+
+static VkFence take_fence(struct gn_device *device)
+{
+    VkFence fence = VK_NULL_HANDLE;
+    for (uint32_t i = 0; i < device->fence_count; i++)
+        if (device->next.GetFenceStatus(device->handle, device->fences[i]) == VK_SUCCESS) {
+            fence = device->fences[i];
+            device->fences[i] = device->fences[--device->fence_count];
+            if (device->next.ResetFences(device->handle, 1, &fence) == VK_SUCCESS)
+                return fence;
+            device->next.DestroyFence(device->handle, fence, NULL);
+            break;
+        }
+    VkFenceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_FENCE_CREATE_INFO};
+    return device->next.CreateFence(device->handle, &info, NULL, &fence) == VK_SUCCESS ? fence : VK_NULL_HANDLE;
+}
+
+/* The fence may still be about to signal: it is used again only once it has. */
+static void give_fence(struct gn_device *device, VkFence fence)
+{
+    if (device->fence_count == device->fence_capacity) {
+        uint32_t capacity = device->fence_capacity ? device->fence_capacity * 2 : 8;
+        VkFence *grown = realloc(device->fences, capacity * sizeof *grown);
+        if (!grown)
+            return; /* it lives as long as the device */
+        device->fences = grown;
+        device->fence_capacity = capacity;
+    }
+    device->fences[device->fence_count++] = fence;
+}
+
+static void judgement_free(struct gn_device *device, struct gn_judgement *judgement)
+{
+    if (judgement->capture && judgement->capture->pending == judgement)
+        judgement->capture->pending = NULL;
+    gn_recording_release(device, judgement->recording);
+    gn_as_release(judgement->tlas);
+    free(judgement);
+}
+
+/* `readable`: the copies of this submission are complete. */
+static void settle(struct gn_device *device, struct gn_submission *submission, bool readable, struct gn_findings *findings)
+{
+    for (struct gn_judgement *judgement = submission->judgements, *next; judgement; judgement = next) {
+        next = judgement->next;
+        if (judgement->capture && readable)
+            gn_judge_capture(device, judgement, findings);
+        else if (judgement->capture)
+            gn_tally_unjudged(device, GN_UNJUDGED_not_completed, 1);
+        judgement_free(device, judgement);
+    }
+    if (submission->owned && submission->fence)
+        give_fence(device, submission->fence);
+    free(submission);
+    atomic_fetch_sub(&device->pending, 1);
+}
+
+/* An execution that is about to be repeated while its judgement is still open: if the commands may not be in use twice at once, the
+ * first execution is over; if they may, its copy can be overwritten at any time. */
+static void settle_early(struct gn_device *device, const struct gn_recording *recording, struct gn_capture *capture,
+                         struct gn_findings *findings)
+{
+    struct gn_judgement *judgement = capture->pending;
+    if (!recording->simultaneous)
+        gn_judge_capture(device, judgement, findings);
+    else
+        gn_tally_unjudged(device, GN_UNJUDGED_overwritten, 1);
+    judgement->capture = NULL;
+    capture->pending = NULL;
+}
+
+struct replay {
+    struct gn_device *device;
+    struct gn_queue *queue;
+    struct gn_submission *submission; /* made when the first judgement needs it */
+    uint64_t number, first_position;
+    VkCommandBuffer command_buffer;
+    struct gn_findings *findings;
+    bool touched;
+};
+
+static void expect_judgement(struct replay *replay, struct gn_recording *recording, const struct gn_event *event,
+                             uint64_t position)
+{
+    struct gn_device *device = replay->device;
+    struct gn_judgement *judgement = NULL;
+    if (event->capture->pending)
+        settle_early(device, recording, event->capture, replay->findings);
+    if (!replay->submission) {
+        replay->submission = calloc(1, sizeof *replay->submission);
+        if (!replay->submission)
+            goto fail;
+        replay->submission->number = replay->number;
+        replay->submission->first_position = replay->first_position;
+        replay->submission->last = &replay->submission->judgements;
+    }
+    judgement = calloc(1, sizeof *judgement);
+    if (!judgement)
+        goto fail;
+    *judgement = (struct gn_judgement){.recording = gn_recording_keep(recording),
+                                       .capture = event->capture,
+                                       .tlas = gn_as_keep(event->target),
+                                       .command_buffer = replay->command_buffer,
+                                       .queue = replay->queue->id,
+                                       .position = position,
+                                       .submission = replay->number};
+    event->capture->pending = judgement;
+    *replay->submission->last = judgement;
+    replay->submission->last = &judgement->next;
+    return;
+fail:
+    gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+}
+
+static void replay_recording(struct replay *replay, struct gn_recording *recording, unsigned depth)
+{
+    struct gn_device *device = replay->device;
+    uint32_t command = 0;
+    uint64_t position = 0;
+    for (uint32_t i = 0; i < recording->count; i++) {
+        struct gn_event *event = &recording->events[i];
+        if (event->secondary) {
+            if (depth < MAX_NESTING)
+                replay_recording(replay, event->secondary, depth + 1);
+            continue;
+        }
+        if (event->command != command) {
+            command = event->command;
+            position = ++device->position;
+        }
+        replay->touched = true;
+        if (!event->target)
+            continue;
+        if (event->target->kind == GN_OBJECT_STRUCTURE)
+            event->target->kind = event->is_tlas                                            ? GN_OBJECT_TLAS
+                                  : event->kind == GN_EVENT_COPY && event->source           ? event->source->kind
+                                  : event->kind == GN_EVENT_COMPACT && event->source        ? event->source->kind
+                                  : event->kind == GN_EVENT_DESERIALIZE                     ? GN_OBJECT_STRUCTURE
+                                                                                            : GN_OBJECT_BLAS;
+        gn_as_written(device, event->target, replay->queue->id, position);
+        gn_tally_check(device, GN_CHECKED_builds, 1);
+        if (!event->is_tlas)
+            continue;
+        if (event->unjudged != GN_UNJUDGED_COUNT)
+            gn_tally_unjudged(device, event->unjudged, 1);
+        else if (event->capture)
+            expect_judgement(replay, recording, event, position);
+        else
+            gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
+    }
+}
+
+static void replay_begin(struct replay *replay, struct gn_device *device, VkQueue handle, struct gn_findings *findings)
+{
+    *replay = (struct replay){.device = device,
+                              .queue = gn_queue_get(device, handle),
+                              .number = ++device->submission_count,
+                              .first_position = device->position + 1,
+                              .findings = findings};
+}
+
+static void replay_commands(struct replay *replay, VkCommandBuffer handle)
+{
+    struct gn_command_buffer *commands = gn_command_buffer_get(replay->device, handle);
+    if (!commands || !commands->recording || !replay->queue)
+        return;
+    replay->command_buffer = handle;
+    replay_recording(replay, commands->recording, 0);
+}
+
+/* The submission is listed before the next layer sees it: from then on another thread may find its fence signalled. Returns the
+ * fence to submit with. */
+static VkFence replay_end(struct replay *replay, VkFence fence)
+{
+    struct gn_device *device = replay->device;
+    struct gn_submission *submission = replay->submission;
+    if (replay->touched)
+        gn_tally_check(device, GN_CHECKED_submissions, 1);
+    if (!submission)
+        return fence;
+    submission->owned = fence == VK_NULL_HANDLE;
+    submission->fence = submission->owned ? take_fence(device) : fence;
+    *replay->queue->newest = submission;
+    replay->queue->newest = &submission->next;
+    atomic_fetch_add(&device->pending, 1);
+    return submission->fence;
+}
+
+static void replay_settle(struct replay *replay, VkResult result)
+{
+    struct gn_submission *submission = replay->submission;
+    if (!submission)
+        return;
+    gn_lock(replay->device);
+    submission->accepted = true;
+    if (result != VK_SUCCESS) {
+        struct gn_submission **link = &replay->queue->oldest;
+        while (*link != submission)
+            link = &(*link)->next;
+        *link = submission->next;
+        if (replay->queue->newest == &submission->next)
+            replay->queue->newest = link;
+        if (submission->owned && submission->fence)
+            replay->device->next.DestroyFence(replay->device->handle, submission->fence, NULL);
+        submission->fence = VK_NULL_HANDLE;
+        settle(replay->device, submission, false, replay->findings);
+    }
+    gn_unlock(replay->device);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit(VkQueue queue, uint32_t count, const VkSubmitInfo *submits,
+                                                    VkFence fence)
+{
+    struct gn_device *device = gn_device_of(queue);
+    struct gn_findings findings;
+    struct replay replay;
+    gn_findings_init(&findings);
+    gn_device_collect(device);
+    gn_lock(device);
+    replay_begin(&replay, device, queue, &findings);
+    for (uint32_t i = 0; i < count; i++)
+        for (uint32_t k = 0; k < submits[i].commandBufferCount; k++)
+            replay_commands(&replay, submits[i].pCommandBuffers[k]);
+    fence = replay_end(&replay, fence);
+    gn_unlock(device);
+    VkResult result = device->next.QueueSubmit(queue, count, submits, fence);
+    replay_settle(&replay, result);
+    gn_report_flush(device->instance, &findings);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit2(VkQueue queue, uint32_t count, const VkSubmitInfo2 *submits,
+                                                     VkFence fence)
+{
+    struct gn_device *device = gn_device_of(queue);
+    struct gn_findings findings;
+    struct replay replay;
+    gn_findings_init(&findings);
+    gn_device_collect(device);
+    gn_lock(device);
+    replay_begin(&replay, device, queue, &findings);
+    for (uint32_t i = 0; i < count; i++)
+        for (uint32_t k = 0; k < submits[i].commandBufferInfoCount; k++)
+            replay_commands(&replay, submits[i].pCommandBufferInfos[k].commandBuffer);
+    fence = replay_end(&replay, fence);
+    gn_unlock(device);
+    VkResult result = device->next.QueueSubmit2(queue, count, submits, fence);
+    replay_settle(&replay, result);
+    gn_report_flush(device->instance, &findings);
+    return result;
+}
+
+/* A fence signals after everything submitted to its queue before it: one signalled fence completes all older submissions. */
+static void advance(struct gn_device *device, struct gn_queue *queue, struct gn_findings *findings)
+{
+    struct gn_submission *last_done = NULL;
+    bool lost = false;
+    for (struct gn_submission *submission = queue->oldest; submission && submission->accepted;
+         submission = submission->next) {
+        if (!submission->done && submission->fence) {
+            VkResult status = device->next.GetFenceStatus(device->handle, submission->fence);
+            submission->done = status == VK_SUCCESS;
+            lost |= status == VK_ERROR_DEVICE_LOST;
+        }
+        if (submission->done)
+            last_done = submission;
+    }
+    while (last_done || (lost && queue->oldest && queue->oldest->accepted)) {
+        struct gn_submission *submission = queue->oldest;
+        queue->oldest = submission->next;
+        if (!queue->oldest)
+            queue->newest = &queue->oldest;
+        bool readable = last_done != NULL;
+        if (submission == last_done)
+            last_done = NULL;
+        settle(device, submission, readable, findings);
+    }
+}
+
+void gn_device_collect(struct gn_device *device)
+{
+    struct gn_findings findings;
+    if (!atomic_load_explicit(&device->pending, memory_order_acquire))
+        return;
+    gn_findings_init(&findings);
+    gn_lock(device);
+    for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
+        advance(device, queue, &findings);
+    gn_as_purge(device);
+    gn_unlock(device);
+    gn_report_flush(device->instance, &findings);
+}
+
+static void mark_done(struct gn_queue *queue)
+{
+    for (struct gn_submission *submission = queue->oldest; submission; submission = submission->next)
+        submission->done = true;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueWaitIdle(VkQueue handle)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.QueueWaitIdle(handle);
+    if (result == VK_SUCCESS && atomic_load(&device->pending)) {
+        gn_lock(device);
+        struct gn_queue *queue = gn_map_get(&device->queues, (uint64_t)(uintptr_t)handle);
+        if (queue)
+            mark_done(queue);
+        gn_unlock(device);
+    }
+    gn_device_collect(device);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_DeviceWaitIdle(VkDevice handle)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.DeviceWaitIdle(handle);
+    if (result == VK_SUCCESS && atomic_load(&device->pending)) {
+        gn_lock(device);
+        for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
+            mark_done(queue);
+        gn_unlock(device);
+    }
+    gn_device_collect(device);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_WaitForFences(VkDevice handle, uint32_t count, const VkFence *fences,
+                                                      VkBool32 all, uint64_t timeout)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.WaitForFences(handle, count, fences, all, timeout);
+    gn_device_collect(device);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_GetFenceStatus(VkDevice handle, VkFence fence)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.GetFenceStatus(handle, fence);
+    gn_device_collect(device);
+    return result;
+}
+
+/* A fence that the application resets or destroys is not in use: its submission has completed, and the layer does not touch the
+ * fence any more. */
+static void fences_leave(struct gn_device *device, uint32_t count, const VkFence *fences)
+{
+    if (!atomic_load(&device->pending))
+        return;
+    gn_device_collect(device);
+    gn_lock(device);
+    for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
+        for (struct gn_submission *submission = queue->oldest; submission; submission = submission->next)
+            for (uint32_t i = 0; i < count; i++)
+                if (!submission->owned && submission->fence == fences[i]) {
+                    submission->fence = VK_NULL_HANDLE;
+                    submission->done = true;
+                }
+    gn_unlock(device);
+    gn_device_collect(device);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_ResetFences(VkDevice handle, uint32_t count, const VkFence *fences)
+{
+    struct gn_device *device = gn_device_of(handle);
+    fences_leave(device, count, fences);
+    return device->next.ResetFences(handle, count, fences);
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyFence(VkDevice handle, VkFence fence, const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (fence)
+        fences_leave(device, 1, &fence);
+    device->next.DestroyFence(handle, fence, allocator);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_WaitSemaphores(VkDevice handle, const VkSemaphoreWaitInfo *info,
+                                                       uint64_t timeout)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.WaitSemaphores(handle, info, timeout);
+    gn_device_collect(device);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_GetSemaphoreCounterValue(VkDevice handle, VkSemaphore semaphore, uint64_t *value)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkResult result = device->next.GetSemaphoreCounterValue(handle, semaphore, value);
+    gn_device_collect(device);
+    return result;
+}
+
+void gn_queues_finish(struct gn_device *device)
+{
+    struct gn_findings findings;
+    gn_findings_init(&findings);
+    gn_lock(device);
+    for (struct gn_queue *queue = device->first_queue, *next; queue; queue = next) {
+        next = queue->next;
+        struct gn_submission *newest = NULL;
+        for (struct gn_submission *submission = queue->oldest; submission; submission = submission->next)
+            newest = submission;
+        if (newest && newest->fence)
+            device->next.WaitForFences(device->handle, 1, &newest->fence, VK_TRUE, LAST_WAIT_NANOSECONDS);
+        advance(device, queue, &findings);
+        while (queue->oldest) {
+            struct gn_submission *submission = queue->oldest;
+            queue->oldest = submission->next;
+            settle(device, submission, false, &findings);
+        }
+        free(queue->name);
+        free(queue);
+    }
+    device->first_queue = NULL;
+    gn_map_finish(&device->queues);
+    for (uint32_t i = 0; i < device->fence_count; i++)
+        device->next.DestroyFence(device->handle, device->fences[i], NULL);
+    free(device->fences);
+    device->fences = NULL;
+    device->fence_count = device->fence_capacity = 0;
+    gn_unlock(device);
+    gn_report_flush(device->instance, &findings);
+}
