@@ -1,0 +1,13 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The commands of the `gnomon` program. Each takes its arguments with argv[0] "gnomon COMMAND" and gives the exit
+ * status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness failed, 4 nothing ran. */
+#ifndef GNOMON_CTS_COMMANDS_H
+#define GNOMON_CTS_COMMANDS_H
+
+int gn_command_run(int argc, char **argv);
+int gn_command_replay(int argc, char **argv);
+
+/* What the user types for this program: GNOMON_COMMAND, which a wrapper may set, or argv[0] of main(). */
+extern const char *gn_command_name;
+
+#endif

@@ -1,0 +1,59 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Which cases a run has: the catalogue, filters, shards, drivers by name, expectations. */
+#ifndef GNOMON_CTS_SELECT_H
+#define GNOMON_CTS_SELECT_H
+
+#include "cts/case.h"
+#include "cts/results.h"
+
+/* A case and its full name, "query." and the case's own. */
+struct gn_selected {
+    const char *name;
+    const struct gn_case *self;
+    const struct gn_case_family *family;
+};
+
+/* Every case there is, in the catalogue's order; malloc'ed array, names in the arena. */
+struct gn_selected *gn_catalogue(struct gn_arena *arena, size_t *out_count);
+/* NULL when no case is named so. */
+const struct gn_selected *gn_catalogue_find(const struct gn_selected *catalogue, size_t count, const char *name);
+
+/* Whether the name matches the pattern, in which `*` stands for any characters. */
+bool gn_pattern_matches(const char *pattern, const char *name);
+
+/*
+ * Keeps in place the cases that match any of the filters (all without filters) and belong to the shard, and
+ * gives their number. A filter that matches nothing gives SIZE_MAX with a message that names what is near it.
+ */
+size_t gn_select(struct gn_selected *cases, size_t count, const char *const *filters, size_t filter_count,
+                 uint32_t shard, uint32_t shard_count, char *out_error, size_t error_size);
+
+/*
+ * The ICD file of --driver: a path, or "lavapipe". NULL with a message when there is no such file, it is no ICD
+ * file, or the name is unknown. Without a name: lavapipe, unless the environment (VK_DRIVER_FILES,
+ * VK_ICD_FILENAMES) chooses, which gives "".
+ */
+const char *gn_driver_resolve(const char *name, struct gn_arena *arena, char *out_error, size_t error_size);
+
+/* One line of an expectation file. */
+struct gn_expectation {
+    const char *name;
+    const char *status; /* deqp-runner's word */
+    const char *reason; /* the comments above it or behind it */
+    const char *place; /* "FILE:LINE" */
+};
+struct gn_expectations {
+    struct gn_expectation *list; /* malloc'ed */
+    size_t count;
+};
+/* Adds a file's lines. False with a message that names the line on anything but `name,Status`, '#' or nothing. */
+bool gn_expectations_read(struct gn_expectations *expectations, const char *path, struct gn_arena *arena,
+                          char *out_error, size_t error_size);
+void gn_expectations_finish(struct gn_expectations *expectations);
+/* Sets outcome, expected and expected_reason. The last line for a name decides. */
+void gn_expectations_apply(const struct gn_expectations *expectations, struct gn_results_case *cs);
+/* Records the entries that name no case of the catalogue. */
+void gn_expectations_check(const struct gn_expectations *expectations, const struct gn_selected *catalogue,
+                           size_t count, struct gn_results *results);
+
+#endif
