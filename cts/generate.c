@@ -309,6 +309,35 @@ struct gn_mesh gn_mesh_triangle(struct gn_arena *arena)
     return mesh;
 }
 
+struct gn_mesh gn_mesh_of(struct gn_arena *arena, struct gn_random *random, const struct gn_mesh_spec *spec)
+{
+    switch (spec->kind) {
+    case GN_MESH_HEIGHT_FIELD:
+        return gn_mesh_height_field(arena, random, spec->n, spec->size);
+    case GN_MESH_LATTICE:
+        return gn_mesh_lattice(arena, random, spec->n, spec->size);
+    case GN_MESH_BLOB:
+        return gn_mesh_blob(arena, random, spec->n, spec->m, spec->size);
+    case GN_MESH_TORUS:
+        return gn_mesh_torus(arena, spec->n, spec->m, spec->size);
+    case GN_MESH_BOX:
+        return gn_mesh_box(arena, spec->n);
+    case GN_MESH_OCTAHEDRON:
+        return gn_mesh_octahedron(arena, spec->n);
+    case GN_MESH_FAN:
+        return gn_mesh_fan(arena, random, spec->n, spec->size);
+    case GN_MESH_T_JUNCTIONS:
+        return gn_mesh_t_junctions(arena, random, spec->n, spec->size, spec->m != 0);
+    case GN_MESH_SOUP:
+        return gn_mesh_soup(arena, random, spec->n, spec->size);
+    case GN_MESH_QUAD:
+        return gn_mesh_quad(arena);
+    case GN_MESH_TRIANGLE:
+        break;
+    }
+    return gn_mesh_triangle(arena);
+}
+
 struct gn_mesh gn_mesh_map(struct gn_arena *arena, const struct gn_mesh *mesh, const double affine[12])
 {
     struct gn_mesh out = mesh_alloc(arena, mesh->position_count, mesh->triangle_count);

@@ -61,6 +61,27 @@ struct gn_mesh gn_mesh_unshared(struct gn_arena *arena, const struct gn_mesh *me
  * its vertices become NaN. At least one triangle stays active. */
 void gn_mesh_deactivate(struct gn_random *random, struct gn_mesh *mesh, double share);
 
+/* A mesh as data, for tables of cases: the generator and its arguments. */
+enum gn_mesh_kind {
+    GN_MESH_HEIGHT_FIELD, /* n, size: the amplitude */
+    GN_MESH_LATTICE, /* n, size: the amplitude */
+    GN_MESH_BLOB, /* n rings, m sectors, size: the bumps */
+    GN_MESH_TORUS, /* n rings, m sectors, size: the minor radius */
+    GN_MESH_BOX, /* n */
+    GN_MESH_OCTAHEDRON, /* n */
+    GN_MESH_FAN, /* n spokes, size: the height */
+    GN_MESH_T_JUNCTIONS, /* n, size: the amplitude, m: not 0 for bent */
+    GN_MESH_SOUP, /* n, size */
+    GN_MESH_QUAD,
+    GN_MESH_TRIANGLE,
+};
+struct gn_mesh_spec {
+    enum gn_mesh_kind kind;
+    uint32_t n, m;
+    double size;
+};
+struct gn_mesh gn_mesh_of(struct gn_arena *arena, struct gn_random *random, const struct gn_mesh_spec *spec);
+
 /* Where a ray is aimed at. */
 enum gn_aim {
     GN_AIM_INTERIOR, /* a random point inside a random triangle */
@@ -139,8 +160,16 @@ void gn_transform_general(struct gn_random *random, double min_scale, double max
                           double translation, bool mirrored, float out[12]);
 /* A signed permutation times a power of two in [2^-3, 2^3] plus a translation by multiples of 1/8: exact. */
 void gn_transform_dyadic(struct gn_random *random, bool mirrored, float out[12]);
-/* What comes of `b`, then `a`, in double. */
-void gn_transform_product(const float a[12], const float b[12], double out[12]);
+/* A transform as data; zero is none. */
+enum gn_transform_kind { GN_TRANSFORM_NONE, GN_TRANSFORM_RANDOM, GN_TRANSFORM_GENERAL, GN_TRANSFORM_DYADIC };
+struct gn_transform_spec {
+    enum gn_transform_kind kind;
+    double min_scale, max_scale; /* both 0: 1 */
+    double shear, translation;
+    bool mirrored;
+};
+/* Gives `out`, or NULL for none. */
+const float *gn_transform_of(struct gn_random *random, const struct gn_transform_spec *spec, float out[12]);
 /* The image of a point. */
 void gn_transform_point(const float *transform, const double point[3], double out[3]);
 

@@ -451,14 +451,21 @@ void gn_transform_dyadic(struct gn_random *random, bool mirrored, float out[12])
             out[k] = -out[k];
 }
 
-void gn_transform_product(const float a[12], const float b[12], double out[12])
+const float *gn_transform_of(struct gn_random *random, const struct gn_transform_spec *spec, float out[12])
 {
-    for (int r = 0; r < 3; r++) {
-        for (int k = 0; k < 4; k++) {
-            double sum = k == 3 ? a[4 * r + 3] : 0;
-            for (int j = 0; j < 3; j++)
-                sum += (double)a[4 * r + j] * b[4 * j + k];
-            out[4 * r + k] = sum;
-        }
+    double min_scale = spec->min_scale ? spec->min_scale : 1, max_scale = spec->max_scale ? spec->max_scale : 1;
+    switch (spec->kind) {
+    case GN_TRANSFORM_NONE:
+        return NULL;
+    case GN_TRANSFORM_RANDOM:
+        gn_transform_random(random, min_scale, max_scale, spec->translation, spec->mirrored, out);
+        break;
+    case GN_TRANSFORM_GENERAL:
+        gn_transform_general(random, min_scale, max_scale, spec->shear, spec->translation, spec->mirrored, out);
+        break;
+    case GN_TRANSFORM_DYADIC:
+        gn_transform_dyadic(random, spec->mirrored, out);
+        break;
     }
+    return out;
 }

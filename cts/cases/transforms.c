@@ -1,0 +1,164 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Geometry and instance transforms of every kind, and what a query tells of them. */
+#include <math.h>
+#include <string.h>
+
+#include "cts/compose.h"
+#include "cts/mesh_case.h"
+
+#define OPAQUE VK_GEOMETRY_OPAQUE_BIT_KHR
+
+struct transforms {
+    struct gn_transform_spec geometry, instance;
+    uint32_t count; /* instances, each with a transform of its own */
+    double distance; /* 0: 4 */
+    enum gn_cts_program program;
+    uint32_t interior, random; /* rays */
+    bool not_opaque;
+};
+
+static void transforms(struct gn_case_run *run, const struct gn_case *self)
+{
+    const struct transforms *what = self->params;
+    /* A closed mesh and loose triangles, so that facing and order both matter. */
+    struct gn_mesh meshes[2] = {gn_mesh_blob(&run->arena, &run->random, 8, 10, 0.2),
+                                gn_mesh_soup(&run->arena, &run->random, 60, 0.8)};
+    struct gn_cts_geometry geometries[2];
+    float matrices[2][12];
+    for (int g = 0; g < 2; g++) {
+        geometries[g] = gn_geometry_of_mesh(&meshes[g]);
+        geometries[g].flags = what->not_opaque ? 0 : OPAQUE;
+        geometries[g].transform = gn_transform_of(&run->random, &what->geometry, matrices[g]);
+    }
+    struct gn_cts_instance *list = GN_NEW(&run->arena, struct gn_cts_instance, what->count);
+    for (uint32_t i = 0; i < what->count; i++) {
+        float matrix[12];
+        list[i] = gn_instance_of(0, gn_transform_of(&run->random, &what->instance, matrix));
+        list[i].custom_index = i;
+    }
+    struct gn_cts_scene scene = gn_scene_of_geometries(&run->arena, geometries, 2, list, what->count);
+    uint32_t interior = gn_ray_count(run, what->interior), random = what->random ? gn_ray_count(run, what->random) : 0;
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, interior + random);
+    for (uint32_t r = 0; r < interior + random; r++) {
+        uint32_t g = r & 1, i = gn_random_below(&run->random, what->count);
+        gn_rays_aimed(&run->random, &meshes[g], geometries[g].transform, list[i].transform,
+                      r < interior ? GN_AIM_INTERIOR : GN_AIM_RANDOM, what->distance ? what->distance : 4, g, &rays[r], 1);
+    }
+    gn_case_trace(run, &scene, what->program, rays, interior + random, 0);
+}
+
+#define RANDOM(...) {.kind = GN_TRANSFORM_RANDOM, __VA_ARGS__}
+#define GENERAL(...) {.kind = GN_TRANSFORM_GENERAL, __VA_ARGS__}
+
+static const struct transforms identity = {.count = 1, .interior = 6000, .random = 1000, .program = GN_CTS_DETAIL};
+static const struct transforms translated = {.instance = RANDOM(.translation = 5), .count = 4, .interior = 10000,
+    .random = 2000, .program = GN_CTS_DETAIL};
+static const struct transforms rotated = {
+    .instance = RANDOM(.translation = 2), .count = 8, .interior = 20000, .random = 4000};
+static const struct transforms mirrored = {
+    .instance = RANDOM(.translation = 2, .mirrored = true), .count = 8, .interior = 20000, .random = 4000};
+static const struct transforms sheared = {
+    .instance = GENERAL(.shear = 2, .translation = 2), .count = 8, .interior = 20000, .random = 4000};
+static const struct transforms general = {
+    .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4), .count = 12, .interior = 24000,
+    .random = 6000};
+static const struct transforms general_confirmed = {
+    .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4), .count = 12, .interior = 12000,
+    .random = 2000, .not_opaque = true};
+static const struct transforms dyadic = {
+    .instance = {.kind = GN_TRANSFORM_DYADIC}, .count = 8, .interior = 16000, .random = 2000, .program = GN_CTS_DETAIL};
+static const struct transforms dyadic_mirrored = {.instance = {.kind = GN_TRANSFORM_DYADIC, .mirrored = true}, .count = 8,
+    .interior = 16000, .random = 2000};
+static const struct transforms small = {.instance = RANDOM(.min_scale = 0.001, .max_scale = 0.001, .translation = 0.01),
+    .count = 4, .distance = 0.004, .interior = 14000, .random = 2000};
+static const struct transforms large = {.instance = RANDOM(.min_scale = 1000, .max_scale = 1000, .translation = 3000),
+    .count = 4, .distance = 4000, .interior = 14000, .random = 2000};
+static const struct transforms stretched_10 = {.instance = RANDOM(.min_scale = 0.3, .max_scale = 3, .translation = 3),
+    .count = 8, .interior = 16000, .random = 2000};
+static const struct transforms stretched_1000 = {.instance = RANDOM(.min_scale = 0.03, .max_scale = 30, .translation = 10),
+    .count = 8, .distance = 30, .interior = 16000, .random = 2000};
+static const struct transforms stretched_1e6 = {
+    .instance = RANDOM(.min_scale = 0.001, .max_scale = 1000, .translation = 100), .count = 8, .distance = 1000,
+    .interior = 16000, .random = 2000};
+static const struct transforms far_1000 = {
+    .instance = RANDOM(.translation = 1000), .count = 4, .interior = 16000, .random = 1000};
+static const struct transforms far_100000 = {
+    .instance = RANDOM(.translation = 100000), .count = 4, .interior = 16000, .random = 1000};
+static const struct transforms geometry_rotated = {.geometry = RANDOM(.min_scale = 0.5, .max_scale = 2, .translation = 3),
+    .count = 1, .interior = 12000, .random = 2000};
+static const struct transforms geometry_mirrored = {
+    .geometry = RANDOM(.min_scale = 0.5, .max_scale = 2, .translation = 3, .mirrored = true), .count = 1,
+    .interior = 12000, .random = 2000};
+static const struct transforms geometry_general = {
+    .geometry = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 3), .count = 1, .interior = 12000,
+    .random = 2000};
+static const struct transforms both = {.geometry = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 1),
+    .instance = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 5), .count = 8, .interior = 20000,
+    .random = 4000};
+static const struct transforms both_mirrored = {
+    .geometry = RANDOM(.min_scale = 0.5, .max_scale = 2, .translation = 1, .mirrored = true),
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2, .translation = 5, .mirrored = true), .count = 8,
+    .interior = 20000, .random = 4000};
+static const struct transforms geometry_mirrored_instance_not = {
+    .geometry = RANDOM(.translation = 1, .mirrored = true), .instance = RANDOM(.translation = 5), .count = 8,
+    .interior = 12000, .random = 2000};
+static const struct transforms instance_mirrored_geometry_not = {
+    .geometry = RANDOM(.translation = 1), .instance = RANDOM(.translation = 5, .mirrored = true), .count = 8,
+    .interior = 12000, .random = 2000};
+static const struct transforms undone = {.geometry = RANDOM(.min_scale = 1000, .max_scale = 1000),
+    .instance = RANDOM(.min_scale = 0.001, .max_scale = 0.001, .translation = 5), .count = 4, .interior = 12000,
+    .random = 2000};
+static const struct transforms many = {.instance = GENERAL(.min_scale = 0.3, .max_scale = 1, .shear = 0.5, .translation = 15),
+    .count = 500, .interior = 20000, .random = 2000};
+static const struct transforms detail_general = {
+    .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4), .count = 30, .interior = 16000,
+    .random = 4000, .program = GN_CTS_DETAIL};
+static const struct transforms detail_mirrored = {
+    .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4, .mirrored = true), .count = 30,
+    .interior = 12000, .random = 2000, .program = GN_CTS_DETAIL};
+static const struct transforms detail_stretched = {
+    .instance = RANDOM(.min_scale = 0.03, .max_scale = 30, .translation = 10), .count = 30, .distance = 30,
+    .interior = 12000, .random = 2000, .program = GN_CTS_DETAIL};
+static const struct transforms detail_both = {
+    .geometry = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 1),
+    .instance = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 5), .count = 10, .interior = 12000,
+    .random = 2000, .program = GN_CTS_DETAIL};
+
+#define INSTANCE "an instance is met where its transform places it (VkAccelerationStructureInstanceKHR; ray traversal)"
+#define GEOMETRY "a geometry's transform is applied when it is built (VkAccelerationStructureGeometryTrianglesDataKHR)"
+#define BOTH "the geometry's transform comes first, then the instance's (acceleration structures; ray traversal)"
+#define FACING "an instance's transform leaves facing as it is, a geometry's does not (VkGeometryInstanceFlagBitsKHR)"
+#define DETAIL "a query tells both matrices and the ray in both spaces (ray query: getters of the committed intersection)"
+
+static const struct gn_case cases[] = {
+    {"transforms.identity", DETAIL, transforms, &identity, 0},
+    {"transforms.translated", DETAIL, transforms, &translated, 0},
+    {"transforms.rotated", INSTANCE, transforms, &rotated, 0},
+    {"transforms.mirrored", FACING, transforms, &mirrored, 0},
+    {"transforms.sheared", INSTANCE, transforms, &sheared, 0},
+    {"transforms.general", INSTANCE, transforms, &general, 0},
+    {"transforms.general_confirmed", INSTANCE, transforms, &general_confirmed, 0},
+    {"transforms.dyadic", DETAIL, transforms, &dyadic, 0},
+    {"transforms.dyadic_mirrored", FACING, transforms, &dyadic_mirrored, 0},
+    {"transforms.scaled.0_001", INSTANCE, transforms, &small, 0},
+    {"transforms.scaled.1000", INSTANCE, transforms, &large, 0},
+    {"transforms.stretched.10", INSTANCE, transforms, &stretched_10, 0},
+    {"transforms.stretched.1000", INSTANCE, transforms, &stretched_1000, 0},
+    {"transforms.stretched.1000000", INSTANCE, transforms, &stretched_1e6, 0},
+    {"transforms.far.1000", INSTANCE, transforms, &far_1000, 0},
+    {"transforms.far.100000", INSTANCE, transforms, &far_100000, 0},
+    {"transforms.many", INSTANCE, transforms, &many, 0},
+    {"transforms.geometry.rotated", GEOMETRY, transforms, &geometry_rotated, 0},
+    {"transforms.geometry.mirrored", FACING, transforms, &geometry_mirrored, 0},
+    {"transforms.geometry.general", GEOMETRY, transforms, &geometry_general, 0},
+    {"transforms.both.general", BOTH, transforms, &both, 0},
+    {"transforms.both.mirrored", FACING, transforms, &both_mirrored, 0},
+    {"transforms.both.geometry_mirrored", FACING, transforms, &geometry_mirrored_instance_not, 0},
+    {"transforms.both.instance_mirrored", FACING, transforms, &instance_mirrored_geometry_not, 0},
+    {"transforms.both.scale_undone", BOTH, transforms, &undone, 0},
+    {"transforms.detail.general", DETAIL, transforms, &detail_general, 0},
+    {"transforms.detail.mirrored", DETAIL, transforms, &detail_mirrored, 0},
+    {"transforms.detail.stretched", DETAIL, transforms, &detail_stretched, 0},
+    {"transforms.detail.both", DETAIL, transforms, &detail_both, 0},
+};
+const struct gn_case_family gn_family_transforms = {"transforms", cases, sizeof cases / sizeof cases[0]};

@@ -1,0 +1,264 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * Shared edges and vertices. What the specification says of them is "should", so a ray lost where the
+ * triangles cover its neighbourhood makes a leak, not a failure; interior rays of the same meshes are the
+ * control, and borders, silhouettes and T-junctions the counter-examples, where a ray may be lost.
+ */
+#include <math.h>
+#include <string.h>
+
+#include "cts/compose.h"
+#include "cts/mesh_case.h"
+
+#define OPAQUE VK_GEOMETRY_OPAQUE_BIT_KHR
+#define FIELD {.kind = GN_MESH_HEIGHT_FIELD, .n = 64, .size = 0.02}
+#define LATTICE {.kind = GN_MESH_LATTICE, .n = 32, .size = 0.0625}
+#define BLOB {.kind = GN_MESH_BLOB, .n = 24, .m = 32, .size = 0.02}
+
+static const struct gn_mesh_case field_interior = {.mesh = FIELD, .geometry_flags = OPAQUE, .interior = 50000};
+static const struct gn_mesh_case field_edge = {.mesh = FIELD, .geometry_flags = OPAQUE, .edge = 50000};
+static const struct gn_mesh_case field_vertex = {.mesh = FIELD, .geometry_flags = OPAQUE, .vertex = 50000};
+static const struct gn_mesh_case steep_edge = {
+    .mesh = {.kind = GN_MESH_HEIGHT_FIELD, .n = 32, .size = 0.5}, .geometry_flags = OPAQUE, .edge = 20000};
+static const struct gn_mesh_case steep_vertex = {
+    .mesh = {.kind = GN_MESH_HEIGHT_FIELD, .n = 32, .size = 0.5}, .geometry_flags = OPAQUE, .vertex = 20000};
+static const struct gn_mesh_case flat_vertex = {
+    .mesh = {.kind = GN_MESH_HEIGHT_FIELD, .n = 32, .size = 0}, .geometry_flags = OPAQUE, .edge = 10000, .vertex = 10000};
+static const struct gn_mesh_case large_interior = {
+    .mesh = {.kind = GN_MESH_HEIGHT_FIELD, .n = 256, .size = 0.01}, .geometry_flags = OPAQUE, .interior = 30000};
+static const struct gn_mesh_case large_edge_vertex = {.mesh = {.kind = GN_MESH_HEIGHT_FIELD, .n = 256, .size = 0.01},
+    .geometry_flags = OPAQUE, .edge = 30000, .vertex = 30000};
+static const struct gn_mesh_case lattice_interior = {
+    .mesh = LATTICE, .geometry_flags = OPAQUE, .exact = true, .interior = 20000};
+static const struct gn_mesh_case lattice_edge = {.mesh = LATTICE, .geometry_flags = OPAQUE, .exact = true, .edge = 30000};
+static const struct gn_mesh_case lattice_vertex = {
+    .mesh = LATTICE, .geometry_flags = OPAQUE, .exact = true, .vertex = 30000};
+static const struct gn_mesh_case blob_interior = {.mesh = BLOB, .geometry_flags = OPAQUE, .interior = 20000};
+static const struct gn_mesh_case blob_edge = {.mesh = BLOB, .geometry_flags = OPAQUE, .edge = 30000};
+static const struct gn_mesh_case blob_vertex = {.mesh = BLOB, .geometry_flags = OPAQUE, .vertex = 30000};
+static const struct gn_mesh_case blob_inside = {.mesh = BLOB, .geometry_flags = OPAQUE, .distance = 0.25, .edge = 10000,
+    .vertex = 10000, .both_sides = true};
+static const struct gn_mesh_case blob_bumpy = {.mesh = {.kind = GN_MESH_BLOB, .n = 24, .m = 32, .size = 0.3},
+    .geometry_flags = OPAQUE, .edge = 10000, .vertex = 10000};
+static const struct gn_mesh_case blob_grazed = {.mesh = BLOB, .geometry_flags = OPAQUE, .min_cosine = 0.001,
+    .max_cosine = 0.1, .edge = 10000, .vertex = 10000};
+static const struct gn_mesh_case octahedron_edge = {
+    .mesh = {.kind = GN_MESH_OCTAHEDRON, .n = 16}, .geometry_flags = OPAQUE, .exact = true, .edge = 16000};
+static const struct gn_mesh_case octahedron_vertex = {
+    .mesh = {.kind = GN_MESH_OCTAHEDRON, .n = 16}, .geometry_flags = OPAQUE, .exact = true, .vertex = 16000};
+static const struct gn_mesh_case box_exact = {.mesh = {.kind = GN_MESH_BOX, .n = 8}, .geometry_flags = OPAQUE,
+    .exact = true, .edge = 10000, .vertex = 10000};
+static const struct gn_mesh_case torus = {.mesh = {.kind = GN_MESH_TORUS, .n = 48, .m = 24, .size = 0.5},
+    .geometry_flags = OPAQUE, .edge = 12000, .vertex = 12000};
+static const struct gn_mesh_case unshared = {.mesh = LATTICE, .unshared = true, .geometry_flags = OPAQUE, .exact = true,
+    .edge = 12000, .vertex = 12000};
+static const struct gn_mesh_case not_opaque = {.mesh = LATTICE, .exact = true, .edge = 12000, .vertex = 12000};
+static const struct gn_mesh_case rotated_interior = {.mesh = FIELD, .geometry_flags = OPAQUE,
+    .instance = {.kind = GN_TRANSFORM_GENERAL, .min_scale = 0.5, .max_scale = 2, .translation = 3}, .interior = 16000};
+static const struct gn_mesh_case rotated_edge = {.mesh = FIELD, .geometry_flags = OPAQUE,
+    .instance = {.kind = GN_TRANSFORM_GENERAL, .min_scale = 0.5, .max_scale = 2, .translation = 3}, .edge = 20000};
+static const struct gn_mesh_case rotated_vertex = {.mesh = FIELD, .geometry_flags = OPAQUE,
+    .instance = {.kind = GN_TRANSFORM_GENERAL, .min_scale = 0.5, .max_scale = 2, .translation = 3}, .vertex = 20000};
+static const struct gn_mesh_case moved_exactly = {.mesh = LATTICE, .geometry_flags = OPAQUE, .exact = true,
+    .instance = {.kind = GN_TRANSFORM_DYADIC}, .edge = 12000, .vertex = 12000};
+static const struct gn_mesh_case mirrored_exactly = {.mesh = LATTICE, .geometry_flags = OPAQUE, .exact = true,
+    .instance = {.kind = GN_TRANSFORM_DYADIC, .mirrored = true}, .edge = 12000, .vertex = 12000};
+static const struct gn_mesh_case geometry_exactly = {.mesh = LATTICE, .geometry_flags = OPAQUE, .exact = true,
+    .geometry = {.kind = GN_TRANSFORM_DYADIC}, .edge = 12000, .vertex = 12000};
+static const struct gn_mesh_case geometry_rotated = {.mesh = FIELD, .geometry_flags = OPAQUE,
+    .geometry = {.kind = GN_TRANSFORM_RANDOM, .min_scale = 0.5, .max_scale = 2, .translation = 3}, .edge = 12000,
+    .vertex = 12000};
+static const struct gn_mesh_case t_junction_exact = {.mesh = {.kind = GN_MESH_T_JUNCTIONS, .n = 16, .size = 0.0625},
+    .geometry_flags = OPAQUE, .exact = true, .interior = 4000, .edge = 10000, .vertex = 10000};
+static const struct gn_mesh_case t_junction_bent = {.mesh = {.kind = GN_MESH_T_JUNCTIONS, .n = 16, .m = 1, .size = 0.1},
+    .geometry_flags = OPAQUE, .interior = 4000, .edge = 10000, .vertex = 10000};
+static const struct gn_mesh_case candidates_interior = {
+    .mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES, .interior = 8000};
+static const struct gn_mesh_case candidates_edge = {
+    .mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES, .edge = 10000};
+static const struct gn_mesh_case candidates_vertex = {
+    .mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES, .vertex = 10000};
+static const struct gn_mesh_case candidates_once = {.mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES,
+    .geometry_flags = VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR, .edge = 10000, .vertex = 5000};
+
+/* Whether the ray of a lattice is aimed at this point. */
+static bool aimed_at(const struct gn_ref_ray *ray, const double point[3])
+{
+    for (int steps = 1; steps <= 8; steps++) {
+        bool meets = true;
+        for (int c = 0; c < 3; c++)
+            meets = meets && ray->origin[c] + steps * (double)ray->direction[c] == point[c];
+        if (meets)
+            return true;
+    }
+    return false;
+}
+
+/* Closed fans: half of the rays at the hub, the others anywhere. A high fan is a spike, whose tip is a
+ * silhouette from nearly everywhere. `value` is the spokes; params the height. */
+static void fan(struct gn_case_run *run, const struct gn_case *self)
+{
+    const double *height = self->params;
+    struct gn_mesh mesh = gn_mesh_fan(&run->arena, &run->random, (uint32_t)self->value, *height);
+    struct gn_cts_geometry geometry = gn_geometry_of_mesh(&mesh);
+    geometry.flags = OPAQUE;
+    struct gn_cts_scene scene = gn_scene_of_geometry(&run->arena, &geometry);
+    uint32_t count = gn_ray_count(run, 5000);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, 2 * count);
+    for (uint32_t i = 0; i < count; i++) {
+        do
+            gn_rays_lattice(&run->random, &mesh, GN_AIM_VERTEX, &rays[i], 1);
+        while (!aimed_at(&rays[i].ray, mesh.positions[0]));
+    }
+    gn_rays_lattice(&run->random, &mesh, GN_AIM_RANDOM, rays + count, count);
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, 2 * count, 0);
+}
+
+static const double low = 0.125, level = 0, spike = 16;
+
+/* Rays straight down an axis, through every vertex and the middle of every edge of a lattice: directions with
+ * two zero components, the commonest exact hit there is (an orthographic camera over a terrain). */
+static void straight_down(struct gn_case_run *run, const struct gn_case *self)
+{
+    struct gn_mesh mesh = gn_mesh_lattice(&run->arena, &run->random, 64, 0.0625);
+    struct gn_cts_geometry geometry = gn_geometry_of_mesh(&mesh);
+    geometry.flags = OPAQUE;
+    struct gn_cts_scene scene = gn_scene_of_geometry(&run->arena, &geometry);
+    /* Border vertices are left out. */
+    uint32_t side = self->value == 0 ? 63 : 126;
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, (size_t)side * side);
+    for (uint32_t y = 0; y < side; y++) {
+        for (uint32_t x = 0; x < side; x++) {
+            double step = self->value == 0 ? 2.0 / 64 : 1.0 / 64;
+            double origin[3] = {(x + 1) * step - 1, (y + 1) * step - 1, 2}, direction[3] = {0, 0, -1};
+            rays[y * side + x] = gn_ray_make(origin, direction, 100);
+        }
+    }
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, side * side, side);
+}
+
+/* Both halves of a field as geometries of one structure: an edge between two geometries of one instance is a
+ * shared edge, as their transforms are the same. */
+static void two_geometries(struct gn_case_run *run, const struct gn_case *self)
+{
+    (void)self;
+    struct gn_mesh mesh = gn_mesh_lattice(&run->arena, &run->random, 16, 0.0625);
+    struct gn_cts_geometry geometries[2];
+    uint32_t half = mesh.triangle_count / 2;
+    /* Triangles dealt out in turn, so that nearly every edge is between the two. */
+    uint32_t (*dealt)[3] = gn_arena_alloc(&run->arena, mesh.triangle_count, sizeof *dealt);
+    for (uint32_t t = 0; t < mesh.triangle_count; t++)
+        memcpy(dealt[t % 2 * half + t / 2], mesh.triangles[t], sizeof *dealt);
+    for (int i = 0; i < 2; i++) {
+        geometries[i] = gn_geometry_of_mesh(&mesh);
+        geometries[i].flags = OPAQUE;
+        geometries[i].triangles = (const uint32_t (*)[3])dealt + (i ? half : 0);
+        geometries[i].triangle_count = half;
+    }
+    struct gn_cts_instance instance = gn_instance_of(0, NULL);
+    struct gn_cts_scene scene = gn_scene_of_geometries(&run->arena, geometries, 2, &instance, 1);
+    uint32_t count = gn_ray_count(run, 20000);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    gn_rays_lattice(&run->random, &mesh, GN_AIM_EDGE, rays, count / 2);
+    gn_rays_lattice(&run->random, &mesh, GN_AIM_VERTEX, rays + count / 2, count - count / 2);
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
+/* Where the specification promises nothing: every second triangle wound the other way, or the halves of the
+ * mesh in two instances. A ray lost at such an edge is a gap. */
+static void no_promise(struct gn_case_run *run, const struct gn_case *self)
+{
+    struct gn_mesh mesh = gn_mesh_lattice(&run->arena, &run->random, 16, 0.0625);
+    uint32_t count = gn_ray_count(run, 12000);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    gn_rays_lattice(&run->random, &mesh, GN_AIM_EDGE, rays, count / 2);
+    gn_rays_lattice(&run->random, &mesh, GN_AIM_VERTEX, rays + count / 2, count - count / 2);
+    if (self->value == 0) {
+        for (uint32_t t = 0; t < mesh.triangle_count; t += 2) {
+            uint32_t swap = mesh.triangles[t][1];
+            mesh.triangles[t][1] = mesh.triangles[t][2];
+            mesh.triangles[t][2] = swap;
+        }
+    }
+    struct gn_cts_geometry geometries[2] = {gn_geometry_of_mesh(&mesh), gn_geometry_of_mesh(&mesh)};
+    struct gn_cts_blas blases[2] = {0};
+    struct gn_cts_instance instances[2] = {gn_instance_of(0, NULL), gn_instance_of(1, NULL)};
+    struct gn_cts_scene scene = {0};
+    scene.blases = blases;
+    scene.instances = instances;
+    scene.blas_count = scene.instance_count = self->value == 0 ? 1 : 2;
+    uint32_t half = mesh.triangle_count / 2;
+    for (uint32_t i = 0; i < scene.blas_count; i++) {
+        geometries[i].flags = OPAQUE;
+        if (scene.blas_count == 2) {
+            geometries[i].triangles += i * half;
+            geometries[i].triangle_count = half;
+        }
+        blases[i].geometries = &geometries[i];
+        blases[i].geometry_count = 1;
+    }
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
+#define INTERIOR "a ray through a triangle's inside hits (ray traversal: watertightness); the control of its neighbours"
+#define EDGE "a ray should not miss at an edge shared by two triangles (ray traversal: watertightness)"
+#define VERTEX "a ray should not miss at the shared vertex of a closed fan (ray traversal: watertightness)"
+#define BOTH "a ray should not miss at a shared edge or the vertex of a closed fan (ray traversal: watertightness)"
+#define ONCE "a ray should not hit twice at a shared edge or vertex (ray traversal: watertightness)"
+#define NONE "nothing is promised where triangles do not share the edge (ray traversal: watertightness)"
+
+static const struct gn_case cases[] = {
+    {"watertight.field.interior", INTERIOR, gn_mesh_case_run, &field_interior, 0},
+    {"watertight.field.edge", EDGE, gn_mesh_case_run, &field_edge, 0},
+    {"watertight.field.vertex", VERTEX, gn_mesh_case_run, &field_vertex, 0},
+    {"watertight.steep.edge", EDGE, gn_mesh_case_run, &steep_edge, 0},
+    {"watertight.steep.vertex", VERTEX, gn_mesh_case_run, &steep_vertex, 0},
+    {"watertight.flat", BOTH, gn_mesh_case_run, &flat_vertex, 0},
+    {"watertight.large.interior", INTERIOR, gn_mesh_case_run, &large_interior, 0},
+    {"watertight.large.edge_and_vertex", BOTH, gn_mesh_case_run, &large_edge_vertex, 0},
+    {"watertight.lattice.interior", INTERIOR, gn_mesh_case_run, &lattice_interior, 0},
+    {"watertight.lattice.edge", EDGE, gn_mesh_case_run, &lattice_edge, 0},
+    {"watertight.lattice.vertex", VERTEX, gn_mesh_case_run, &lattice_vertex, 0},
+    {"watertight.lattice.down_vertices", VERTEX, straight_down, NULL, 0},
+    {"watertight.lattice.down_edges", BOTH, straight_down, NULL, 1},
+    {"watertight.lattice.unshared", "vertices are shared by their position, not by their index (ray traversal: watertightness)",
+     gn_mesh_case_run, &unshared, 0},
+    {"watertight.lattice.not_opaque", "watertightness is the same for candidates that the shader confirms (ray traversal)",
+     gn_mesh_case_run, &not_opaque, 0},
+    {"watertight.lattice.two_geometries", "edges are shared within an instance where transforms are identical (ray traversal)",
+     two_geometries, NULL, 0},
+    {"watertight.blob.interior", INTERIOR, gn_mesh_case_run, &blob_interior, 0},
+    {"watertight.blob.edge", EDGE, gn_mesh_case_run, &blob_edge, 0},
+    {"watertight.blob.vertex", VERTEX, gn_mesh_case_run, &blob_vertex, 0},
+    {"watertight.blob.both_sides", BOTH, gn_mesh_case_run, &blob_inside, 0},
+    {"watertight.blob.bumpy", BOTH, gn_mesh_case_run, &blob_bumpy, 0},
+    {"watertight.blob.grazed", BOTH, gn_mesh_case_run, &blob_grazed, 0},
+    {"watertight.octahedron.edge", EDGE, gn_mesh_case_run, &octahedron_edge, 0},
+    {"watertight.octahedron.vertex", VERTEX, gn_mesh_case_run, &octahedron_vertex, 0},
+    {"watertight.box", BOTH, gn_mesh_case_run, &box_exact, 0},
+    {"watertight.torus", BOTH, gn_mesh_case_run, &torus, 0},
+    {"watertight.fan.3", VERTEX, fan, &low, 3},
+    {"watertight.fan.8", VERTEX, fan, &low, 8},
+    {"watertight.fan.8_level", VERTEX, fan, &level, 8},
+    {"watertight.fan.64", VERTEX, fan, &low, 64},
+    {"watertight.fan.1024", VERTEX, fan, &low, 1024},
+    {"watertight.fan.spike", "a ray may pass the tip of a spike (ray traversal: watertightness)", fan, &spike, 8},
+    {"watertight.instance.interior", INTERIOR, gn_mesh_case_run, &rotated_interior, 0},
+    {"watertight.instance.edge", EDGE, gn_mesh_case_run, &rotated_edge, 0},
+    {"watertight.instance.vertex", VERTEX, gn_mesh_case_run, &rotated_vertex, 0},
+    {"watertight.instance.exact", BOTH, gn_mesh_case_run, &moved_exactly, 0},
+    {"watertight.instance.mirrored_exact", BOTH, gn_mesh_case_run, &mirrored_exactly, 0},
+    {"watertight.geometry_transform.exact", BOTH, gn_mesh_case_run, &geometry_exactly, 0},
+    {"watertight.geometry_transform.rotated", BOTH, gn_mesh_case_run, &geometry_rotated, 0},
+    {"watertight.t_junction.exact", NONE, gn_mesh_case_run, &t_junction_exact, 0},
+    {"watertight.t_junction.bent", NONE, gn_mesh_case_run, &t_junction_bent, 0},
+    {"watertight.no_promise.mixed_winding", NONE, no_promise, NULL, 0},
+    {"watertight.no_promise.two_instances", NONE, no_promise, NULL, 1},
+    {"watertight.candidates.interior", INTERIOR, gn_mesh_case_run, &candidates_interior, 0},
+    {"watertight.candidates.edge", ONCE, gn_mesh_case_run, &candidates_edge, 0},
+    {"watertight.candidates.vertex", ONCE, gn_mesh_case_run, &candidates_vertex, 0},
+    {"watertight.candidates.no_duplicates",
+     "with NO_DUPLICATE_ANY_HIT_INVOCATION a primitive is presented at most once (acceleration structures)",
+     gn_mesh_case_run, &candidates_once, 0},
+};
+const struct gn_case_family gn_family_watertight = {"watertight", cases, sizeof cases / sizeof cases[0]};
