@@ -386,41 +386,40 @@ static void hits_commit(struct hits *hits, const struct gn_ref_ray *ray, const s
     hits->count = kept;
 }
 
-/* The smallest margin of an AABB's own decisions: how much has to move for the ray to miss (or to meet) it. */
+/*
+ * The smallest margin of the decisions by which a ray meets an AABB: it enters every slab, and the t range, before it
+ * leaves any other. Ends of the t range are given, so they do not move.
+ */
 static double box_margin(struct gn_ref_judge *judge, const struct gn_ref_ray *ray, uint32_t instance,
                          const float box[6])
 {
     struct gn_ref_object_ray object;
     if (!gn_ref_judge_object_ray(judge, ray, instance, &object))
         return INFINITY;
-    double entry = (double)ray->tmin, exit = (double)ray->tmax, entry_change = 0, exit_change = 0;
-    double margin = INFINITY;
+    double enter[4] = {(double)ray->tmin}, leave[4] = {(double)ray->tmax};
+    double enter_change[4] = {0}, leave_change[4] = {0}, margin = INFINITY;
+    int count = 1;
     for (int i = 0; i < 3; i++) {
         double o = object.origin[i], d = object.direction[i];
-        double low = (double)box[i], high = (double)box[3 + i];
-        if (fabs(d) <= GN_UNIT * object.size_direction[i]) {
+        double near_plane = (double)box[d > 0 ? i : 3 + i], far_plane = (double)box[d > 0 ? 3 + i : i];
+        if (fabs(d) <= bound * GN_UNIT * object.size_direction[i]) {
             /* As good as parallel: inside or outside of the slab is a decision of its own. */
-            double size = GN_UNIT * (object.size_origin[i] + fmax(fabs(low), fabs(high)));
-            double parallel = fmin(o - low, high - o) / size;
-            margin = fmin(margin, fabs(parallel));
+            double size = GN_UNIT * (object.size_origin[i] + fmax(fabs(near_plane), fabs(far_plane)));
+            margin = fmin(margin, fmin(fabs(o - near_plane), fabs(far_plane - o)) / size);
             continue;
         }
-        double near = ((d > 0 ? low : high) - o) / d, far = ((d > 0 ? high : low) - o) / d;
-        double near_change = GN_UNIT * (object.size_origin[i] + fabs(near) * object.size_direction[i] +
-                                        fabs(d > 0 ? low : high)) / fabs(d);
-        double far_change = GN_UNIT * (object.size_origin[i] + fabs(far) * object.size_direction[i] +
-                                       fabs(d > 0 ? high : low)) / fabs(d);
-        if (near > entry) {
-            entry = near;
-            entry_change = near_change;
-        }
-        if (far < exit) {
-            exit = far;
-            exit_change = far_change;
-        }
+        enter[count] = (near_plane - o) / d;
+        leave[count] = (far_plane - o) / d;
+        enter_change[count] = GN_UNIT / fabs(d) *
+                              (object.size_origin[i] + fabs(enter[count]) * object.size_direction[i] + fabs(near_plane));
+        leave_change[count] = GN_UNIT / fabs(d) *
+                              (object.size_origin[i] + fabs(leave[count]) * object.size_direction[i] + fabs(far_plane));
+        count++;
     }
-    if (entry_change + exit_change > 0)
-        margin = fmin(margin, fabs(exit - entry) / (entry_change + exit_change));
+    for (int e = 0; e < count; e++)
+        for (int l = 0; l < count; l++)
+            if (enter_change[e] + leave_change[l] > 0)
+                margin = fmin(margin, fabs(leave[l] - enter[e]) / (enter_change[e] + leave_change[l]));
     return margin;
 }
 
