@@ -1,0 +1,37 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Compares the reference with the oracle over families of scenes and rays, on several threads. */
+#ifndef GNOMON_TESTS_REFERENCE_PROOF_H
+#define GNOMON_TESTS_REFERENCE_PROOF_H
+
+#include "families.h"
+
+struct proof_counts {
+    uint64_t rays, aimed; /* aimed: at edges and vertices */
+    uint64_t rays_hit, hits;
+    uint64_t differences;
+    uint64_t pairs_excluded, pairs_exact;
+    char first[600]; /* the first difference, for people */
+};
+
+struct proof_options {
+    uint64_t seed;
+    uint64_t rays; /* per family */
+    int threads;
+};
+
+/* Rays of one family, over as many scenes as that takes. Edge- and vertex-aimed rays are 8 of 10. */
+void proof_family(const struct family *family, const struct proof_options *options, struct proof_counts *out);
+
+/* One height field of 2 n^2 triangles. */
+void proof_large(uint32_t n, const struct proof_options *options, struct proof_counts *out);
+
+/*
+ * The self-check: the oracle forgets one triangle of each scene, so that both rays aimed at it and nothing else have to
+ * come out as differences. Gives the number of rays aimed, and in *out_noticed those that differ.
+ */
+uint64_t proof_self_check(const struct family *family, uint64_t seed, uint64_t *out_noticed);
+
+/* The number of rays that a test asks for, after the GNOMON_PROOF_SCALE variable (a factor) and sanitizers. */
+uint64_t proof_scaled(uint64_t rays);
+
+#endif

@@ -1,0 +1,84 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* reference_proof: the comparison of the reference with the oracle, as long as one likes. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <time.h>
+
+#include "proof.h"
+
+static double seconds(void)
+{
+    struct timespec now;
+    clock_gettime(CLOCK_MONOTONIC, &now);
+    return (double)now.tv_sec + 1e-9 * (double)now.tv_nsec;
+}
+
+static void report(const char *name, const struct proof_counts *c, double time, struct proof_counts *total)
+{
+    printf("%-20s %10llu rays %10llu aimed %9llu hit %11llu hits %13llu excluded %10llu exact %6.1f s  %llu differences\n",
+           name, (unsigned long long)c->rays, (unsigned long long)c->aimed, (unsigned long long)c->rays_hit,
+           (unsigned long long)c->hits, (unsigned long long)c->pairs_excluded, (unsigned long long)c->pairs_exact, time,
+           (unsigned long long)c->differences);
+    if (c->differences)
+        printf("  %s\n", c->first);
+    fflush(stdout);
+    total->rays += c->rays;
+    total->aimed += c->aimed;
+    total->rays_hit += c->rays_hit;
+    total->hits += c->hits;
+    total->pairs_excluded += c->pairs_excluded;
+    total->pairs_exact += c->pairs_exact;
+    total->differences += c->differences;
+}
+
+int main(int argc, char **argv)
+{
+    struct proof_options options = {.seed = 1, .threads = 2};
+    double rays = 1e6, large_rays = 0;
+    const char *only = NULL;
+    for (int i = 1; i < argc; i++) {
+        const char *value = i + 1 < argc ? argv[i + 1] : NULL;
+        if (value && strcmp(argv[i], "--rays") == 0)
+            rays = atof(value);
+        else if (value && strcmp(argv[i], "--large") == 0)
+            large_rays = atof(value);
+        else if (value && strcmp(argv[i], "--seed") == 0)
+            options.seed = strtoull(value, NULL, 0);
+        else if (value && strcmp(argv[i], "--threads") == 0)
+            options.threads = atoi(value);
+        else if (value && strcmp(argv[i], "--family") == 0)
+            only = value;
+        else {
+            fprintf(stderr, "usage: reference_proof [--rays N] [--large N] [--seed S] [--threads T] [--family NAME]\n"
+                            "  --rays: in all families together; --large: against 131,072 triangles\n");
+            return 2;
+        }
+        i++;
+    }
+    struct proof_counts total = {0};
+    double start = seconds();
+    options.rays = (uint64_t)(rays / (only ? 1 : family_count));
+    for (uint32_t f = 0; f < family_count && options.rays > 0; f++) {
+        if (only && strcmp(only, families[f].name) != 0)
+            continue;
+        struct proof_counts counts;
+        double before = seconds();
+        proof_family(&families[f], &options, &counts);
+        report(families[f].name, &counts, seconds() - before, &total);
+    }
+    options.rays = (uint64_t)large_rays;
+    if (options.rays > 0) {
+        struct proof_counts counts;
+        double before = seconds();
+        proof_large(256, &options, &counts);
+        report("131,072 triangles", &counts, seconds() - before, &total);
+    }
+    struct proof_counts none = {0};
+    struct proof_counts sum = total;
+    report("all", &sum, seconds() - start, &none);
+    struct gn_ref_trace_counters counters = gn_ref_trace_counters();
+    printf("the reference: %llu decisions by the filter, %llu exact\n", (unsigned long long)counters.filtered,
+           (unsigned long long)counters.exact);
+    return total.differences ? 1 : total.rays ? 0 : 4;
+}
