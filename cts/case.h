@@ -72,6 +72,9 @@ struct gn_case_result {
      * where the ideal answer is a miss. image_width x image_height, in ray order. */
     uint8_t *image;
     uint32_t image_width, image_height;
+    /* Replay of one ray: the nearest primitives that it ideally meets, and how many there are in all. */
+    struct gn_ref_hit nearest[8];
+    int64_t nearest_count;
 };
 
 struct gn_case_run {

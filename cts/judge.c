@@ -376,8 +376,11 @@ void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, en
     /* The answers start at the first ray. */
     for (uint32_t i = 0; i < end - first; i++)
         judge_ray(run, judge, reference, program, rays + first, i, &answers, run->only_ray < 0);
-    if (run->only_ray >= 0 && result->has_offender)
+    if (run->only_ray >= 0 && result->has_offender) {
         result->offender.ray_index = first;
+        result->nearest_count = gn_ref_trace_all_exact(reference, &rays[first].ray, result->nearest,
+                                                       sizeof result->nearest / sizeof result->nearest[0]);
+    }
     if (old_image && !(result->has_offender && result->offender.verdict.cls > before)) {
         free(result->image);
         result->image = old_image;

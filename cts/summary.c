@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What a run prints at its end: the verdict first. */
+#include "cts/describe.h"
 #include "cts/progress.h"
 
 #include <stdlib.h>
@@ -101,12 +102,12 @@ void gn_summary_print(const struct gn_results *results, const char *out)
     printf("%s, %s %s; seed %llu, %s\n", device->name, device->driver_name, device->driver_info,
            (unsigned long long)results->run.seed, gn_format_duration(results->seconds, duration));
     if (totals.rays) {
-        printf("%srays, %sideal hits (%.0f %%):", gn_format_count((double)totals.rays, rays),
-               gn_format_count((double)totals.ideal_hits, hits), 100 * (double)totals.ideal_hits / (double)totals.rays);
+        printf("%s rays, %s ideal hits (%.0f %%):", gn_format_grouped(totals.rays, rays),
+               gn_format_grouped(totals.ideal_hits, hits), 100 * (double)totals.ideal_hits / (double)totals.rays);
         const char *separator = " ";
         for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++) {
             if (totals.class_counts[c])
-                printf("%s%llu %s", separator, (unsigned long long)totals.class_counts[c],
+                printf("%s%s %s", separator, gn_format_grouped(totals.class_counts[c], hits),
                        gn_ref_verdict_class_name((enum gn_ref_verdict_class)c));
             separator = totals.class_counts[c] ? ", " : separator;
         }
