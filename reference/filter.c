@@ -130,6 +130,16 @@ void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_ref_bloc
     out->certain = certain & open;
 }
 
+void gn_ref_filter_lane(struct gn_ref_lane *out, const struct gn_ref_filter *filter, int lane)
+{
+    for (int i = 0; i < 3; i++) {
+        out->edge[i] = filter->edge[i][lane];
+        out->edge_error[i] = filter->edge_error[i][lane];
+        out->z[i] = filter->z[i][lane];
+    }
+    out->vertex_error = filter->vertex_error[lane];
+}
+
 /*
  * With b = V / S and c = W / S (S = U + V + W, all of one sign): z = A_z + b (B_z - A_z) + c (C_z - A_z), so the errors
  * of the edge functions are weighed by the triangle's extent rather than its distance. S has the error
@@ -137,19 +147,19 @@ void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_ref_bloc
  * Every bound below is rounded up generously: the factor 1.0625 stands for the rounding of its own few terms, and for
  * second-order terms, which are smaller still as E_S < S / 64 is asked for.
  */
-bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_filter *filter, int lane,
+bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_lane *lane,
                          const struct gn_ref_ray_setup *setup)
 {
-    double u = filter->edge[0][lane], v = filter->edge[1][lane], w = filter->edge[2][lane];
-    double sum = u + v + w, size = fabs(sum), eps = filter->vertex_error[lane];
-    double sum_error = 1.0625 * (filter->edge_error[0][lane] + filter->edge_error[1][lane] +
-                                 filter->edge_error[2][lane] + 2 * UNIT * (fabs(u) + fabs(v) + fabs(w)));
+    double u = lane->edge[0], v = lane->edge[1], w = lane->edge[2];
+    double sum = u + v + w, size = fabs(sum), eps = lane->vertex_error;
+    double sum_error = 1.0625 * (lane->edge_error[0] + lane->edge_error[1] +
+                                 lane->edge_error[2] + 2 * UNIT * (fabs(u) + fabs(v) + fabs(w)));
     if (!(sum_error < size / 64) || !(eps <= MOST_ERROR))
         return false;
     double b = v / sum, c = w / sum, rest = size - sum_error;
-    double b_error = 1.0625 * ((filter->edge_error[1][lane] + fabs(b) * sum_error) / rest + 2 * UNIT * fabs(b));
-    double c_error = 1.0625 * ((filter->edge_error[2][lane] + fabs(c) * sum_error) / rest + 2 * UNIT * fabs(c));
-    double a_z = filter->z[0][lane], p = filter->z[1][lane] - a_z, q = filter->z[2][lane] - a_z;
+    double b_error = 1.0625 * ((lane->edge_error[1] + fabs(b) * sum_error) / rest + 2 * UNIT * fabs(b));
+    double c_error = 1.0625 * ((lane->edge_error[2] + fabs(c) * sum_error) / rest + 2 * UNIT * fabs(c));
+    double a_z = lane->z[0], p = lane->z[1] - a_z, q = lane->z[2] - a_z;
     double z = a_z + (b * p + c * q);
     double p_error = 2 * eps + UNIT * fabs(p), q_error = 2 * eps + UNIT * fabs(q);
     double z_error = 1.0625 * (eps + b_error * (fabs(p) + p_error) + c_error * (fabs(q) + q_error) +

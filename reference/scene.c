@@ -37,6 +37,7 @@ static void blas_finish(struct gn_ref_blas *blas)
         free((void *)geometry->aabbs);
     }
     free(blas->geometries);
+    free(blas->matrices);
 }
 
 void gn_ref_scene_destroy(struct gn_ref_scene *scene)
@@ -182,13 +183,18 @@ bool gn_ref_scene_add_blas(struct gn_ref_scene *scene, const struct gn_ref_geome
     if (!reserve((void **)&scene->blases, scene->blas_count, &scene->blas_capacity, sizeof *scene->blases))
         return fail(scene, "out of memory for BLAS %u", scene->blas_count);
     struct gn_ref_blas blas = {.geometries = calloc(geometry_count ? geometry_count : 1, sizeof *blas.geometries),
+                               .matrices = calloc(geometry_count ? geometry_count : 1, sizeof *blas.matrices),
                                .geometry_count = geometry_count};
-    if (!blas.geometries)
+    if (!blas.geometries || !blas.matrices) {
+        blas_finish(&blas);
         return fail(scene, "out of memory for %u geometries", geometry_count);
+    }
     for (uint32_t g = 0; g < geometry_count; g++)
         if (!geometry_copy(&blas.geometries[g], &geometries[g])) {
             blas_finish(&blas);
             return fail(scene, "out of memory for geometry %u of %u primitives", g, geometries[g].primitive_count);
+        } else if (blas.geometries[g].transform) {
+            gn_ref_matrix_prepare(&blas.matrices[g], blas.geometries[g].transform);
         }
     *out_blas = scene->blas_count;
     scene->blases[scene->blas_count++] = blas;
@@ -350,6 +356,7 @@ static struct gn_ref_interval interval_of(double value, double error)
 static void instance_prepare(struct gn_ref_instance_data *data, const float m[12])
 {
     double determinant = 0, determinant_error = 0;
+    gn_ref_matrix_prepare(&data->matrix, m);
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 3; column++) {
             /* adjugate[row][column] is the cofactor of m[column][row] */

@@ -72,7 +72,15 @@ struct gn_ref_interval {
     double upper;
 };
 
+/* A transform in integers: m[12] is what 1 has become. Not valid when its numbers span too many powers of two. */
+struct gn_ref_matrix {
+    int64_t m[13];
+    bool valid;
+};
+void gn_ref_matrix_prepare(struct gn_ref_matrix *out, const float transform[12]);
+
 struct gn_ref_instance_data {
+    struct gn_ref_matrix matrix;
     int determinant_sign; /* exact; 0 for an inactive instance */
     /* Of the linear part of the transform; for the boxes. */
     struct gn_ref_interval adjugate[3][3];
@@ -81,6 +89,7 @@ struct gn_ref_instance_data {
 
 struct gn_ref_blas {
     struct gn_ref_geometry *geometries;
+    struct gn_ref_matrix *matrices; /* of the geometries that have a transform */
     uint32_t geometry_count;
 };
 
@@ -200,8 +209,38 @@ void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_ref_bloc
                              const struct gn_ref_ray_setup *setup);
 
 /*
- * t and the barycentrics of a triangle that the line meets, from one lane of the filter. False when the errors are
- * too large to say anything. barycentric_error bounds both.
+ * One triangle as the filter or the integers see it: edge functions up to a common positive factor, z of vertex -
+ * origin, and bounds on what they are wrong by.
+ */
+struct gn_ref_lane {
+    double edge[3];
+    double edge_error[3];
+    double z[3];
+    double vertex_error; /* of z */
+};
+void gn_ref_filter_lane(struct gn_ref_lane *out, const struct gn_ref_filter *filter, int lane);
+
+/* The ray in integers; origin[3] is the weight. */
+struct gn_ref_ray_integers {
+    int64_t origin[4];
+    int64_t direction[3];
+    bool valid;
+};
+void gn_ref_ray_integers_prepare(struct gn_ref_ray_integers *out, const struct gn_ref_ray *ray);
+/* values[i] = out[i] * 2^k for one k, below 2^62 in magnitude; false when there is no such k. */
+bool gn_ref_integers_f64(int64_t *out, const double *values, int count);
+
+/*
+ * The triangle by integers of fixed width: the edge functions' signs are exact (0 is zero), their values and z
+ * correctly bounded. False when the numbers span too much for that.
+ */
+bool gn_ref_triangle_wide(struct gn_ref_lane *out, const struct gn_ref_scene *scene,
+                          const struct gn_ref_primitive *primitive, const struct gn_ref_ray_setup *setup,
+                          const struct gn_ref_ray_integers *ray);
+
+/*
+ * t and the barycentrics of a triangle that the line meets. False when the errors are too large to say anything.
+ * barycentric_error bounds both.
  */
 struct gn_ref_estimate {
     struct gn_ref_interval t;
@@ -211,7 +250,7 @@ struct gn_ref_estimate {
     double barycentric_error;
     int sum_sign; /* of U + V + W */
 };
-bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_filter *filter, int lane,
+bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_lane *lane,
                          const struct gn_ref_ray_setup *setup);
 
 /*

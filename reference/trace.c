@@ -12,11 +12,12 @@
 
 #include "reference/scene_internal.h"
 
-static _Atomic uint64_t counted_filtered, counted_exact;
+static _Atomic uint64_t counted_filtered, counted_wide, counted_exact;
 
 struct gn_ref_trace_counters gn_ref_trace_counters(void)
 {
     return (struct gn_ref_trace_counters){atomic_load_explicit(&counted_filtered, memory_order_relaxed),
+                                          atomic_load_explicit(&counted_wide, memory_order_relaxed),
                                           atomic_load_explicit(&counted_exact, memory_order_relaxed)};
 }
 
@@ -29,6 +30,8 @@ struct found {
     double beta, gamma, barycentric_error;
     bool front;
     bool opaque;
+    bool sharp; /* the interval is as narrow as f64 makes it */
+    unsigned zeros; /* bit i: edge function i is exactly 0 */
 };
 
 struct trace {
@@ -41,7 +44,9 @@ struct trace {
     struct found local[32];
     bool failed;
     double limit; /* no larger t is of interest */
-    uint64_t filtered, exact_count;
+    uint64_t filtered, wide, exact_count;
+    bool integers_ready;
+    struct gn_ref_ray_integers integers;
     bool exact_ready;
     struct gn_ref_exact exact;
     struct gn_ref_environment environment;
@@ -78,7 +83,8 @@ static bool trace_begin(struct trace *trace, const struct gn_ref_scene *scene, c
     trace->capacity = sizeof trace->local / sizeof trace->local[0];
     trace->failed = false;
     trace->limit = ray->tmax;
-    trace->filtered = trace->exact_count = 0;
+    trace->filtered = trace->wide = trace->exact_count = 0;
+    trace->integers_ready = false;
     trace->exact_ready = false;
     gn_ref_environment_enter(&trace->environment);
     gn_ref_ray_prepare(&trace->setup, ray);
@@ -93,6 +99,8 @@ static void trace_end(struct trace *trace)
         free(trace->found);
     if (trace->filtered)
         atomic_fetch_add_explicit(&counted_filtered, trace->filtered, memory_order_relaxed);
+    if (trace->wide)
+        atomic_fetch_add_explicit(&counted_wide, trace->wide, memory_order_relaxed);
     if (trace->exact_count)
         atomic_fetch_add_explicit(&counted_exact, trace->exact_count, memory_order_relaxed);
     gn_ref_environment_leave(&trace->environment);
@@ -129,16 +137,93 @@ static int compare_exact_t(struct trace *trace, uint32_t a, uint32_t b)
     return order;
 }
 
-static int compare_found(struct trace *trace, const struct found *a, const struct found *b)
+/* The triangle in integers of fixed width, where they suffice. */
+static bool triangle_wide(struct trace *trace, uint32_t id, struct gn_ref_lane *out)
 {
-    if (a->t.upper < b->t.lower)
-        return -1;
-    if (a->t.lower > b->t.upper)
-        return 1;
+    if (!trace->integers_ready) {
+        gn_ref_ray_integers_prepare(&trace->integers, trace->setup.ray);
+        trace->integers_ready = true;
+    }
+    if (!gn_ref_triangle_wide(out, trace->scene, &trace->scene->primitives[id], &trace->setup, &trace->integers))
+        return false;
+    trace->wide++;
+    return true;
+}
+
+static void found_set(struct found *found, const struct gn_ref_estimate *estimate)
+{
+    found->t = estimate->t;
+    found->t_value = estimate->t_value;
+    found->t_error = estimate->t_error;
+    found->beta = estimate->beta;
+    found->gamma = estimate->gamma;
+    found->barycentric_error = estimate->barycentric_error;
+}
+
+static void sharpen(struct trace *trace, struct found *found)
+{
+    struct gn_ref_lane lane;
+    struct gn_ref_estimate estimate;
+    if (found->sharp || found->id >= trace->scene->triangle_count)
+        return;
+    found->sharp = true;
+    if (!triangle_wide(trace, found->id, &lane) || !gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
+        return;
+    found_set(found, &estimate);
+    for (int i = 0; i < 3; i++)
+        found->zeros |= (unsigned)(lane.edge[i] == 0) << i;
+}
+
+static bool same_position(const struct gn_ref_geometry *geometry, uint32_t a, uint32_t b)
+{
+    const double *p = geometry->positions[a], *q = geometry->positions[b];
+    return a == b || (p[0] == q[0] && p[1] == q[1] && p[2] == q[2]);
+}
+
+/*
+ * Two triangles of one geometry of one instance that the line meets in an edge they share, or in a vertex they share,
+ * are met at the same t. That is the usual tie, and settled without computing t.
+ */
+static bool meets_shared_feature(const struct trace *trace, const struct found *a, const struct found *b)
+{
+    const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
+    if (!a->zeros || !b->zeros || p->instance != q->instance || p->geometry != q->geometry)
+        return false;
+    const struct gn_ref_geometry *geometry =
+        &trace->scene->blases[trace->scene->instances[p->instance].blas].geometries[p->geometry];
+    const uint32_t *v = geometry->triangles[p->primitive], *w = geometry->triangles[q->primitive];
+    /* The vertices that the point is a combination of: those whose edge function is not 0. */
+    unsigned left = ~a->zeros & 7, right = ~b->zeros & 7;
+    if (__builtin_popcount(left) != __builtin_popcount(right))
+        return false;
+    for (int i = 0; i < 3; i++) {
+        bool matched = !(left >> i & 1);
+        for (int j = 0; j < 3 && !matched; j++)
+            matched = (right >> j & 1) && same_position(geometry, v[i], w[j]);
+        if (!matched)
+            return false;
+    }
+    return true;
+}
+
+static int compare_found(struct trace *trace, struct found *a, struct found *b)
+{
+    int order = 0;
     if (a->id == b->id)
         return 0;
+    for (int attempt = 0; attempt < 2; attempt++) {
+        if (a->t.upper < b->t.lower)
+            return -1;
+        if (a->t.lower > b->t.upper)
+            return 1;
+        if (attempt == 0) {
+            sharpen(trace, a);
+            sharpen(trace, b);
+        }
+    }
     bool same_value = a->t.lower == a->t.upper && b->t.lower == b->t.upper;
-    int order = same_value ? 0 : compare_exact_t(trace, a->id, b->id);
+    if (!same_value && !meets_shared_feature(trace, a, b))
+        order = compare_exact_t(trace, a->id, b->id);
     if (order != 0)
         return order;
     const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
@@ -149,7 +234,7 @@ static int compare_found(struct trace *trace, const struct found *a, const struc
     return p->primitive < q->primitive ? -1 : 1;
 }
 
-static void accept(struct trace *trace, const struct found *found)
+static void accept(struct trace *trace, struct found *found)
 {
     if (trace->closest) {
         if (trace->count == 0 || compare_found(trace, found, &trace->found[0]) < 0) {
@@ -238,34 +323,66 @@ static bool triangle_exact(struct trace *trace, struct found *found)
     found->beta = gn_ref_exact_barycentric(exact, 1);
     found->gamma = gn_ref_exact_barycentric(exact, 2);
     found->barycentric_error = 0x1p-51;
+    found->sharp = true;
+    for (int i = 0; i < 3; i++)
+        found->zeros |= (unsigned)(signs.edge[i] == 0) << i;
     return true;
 }
 
-static void triangle_consider(struct trace *trace, const struct gn_ref_filter *filter, int lane, uint32_t id)
+/*
+ * What an estimate says of a triangle that the line meets: whether t is certainly outside the range that is of
+ * interest, or certainly inside the ray's.
+ */
+enum placement { PLACEMENT_OUTSIDE, PLACEMENT_INSIDE, PLACEMENT_UNSURE };
+static enum placement estimate_place(const struct trace *trace, const struct gn_ref_estimate *estimate)
+{
+    const struct gn_ref_ray *ray = trace->setup.ray;
+    if (estimate->t.lower >= ray->tmax || estimate->t.upper <= ray->tmin || estimate->t.lower > trace->limit)
+        return PLACEMENT_OUTSIDE;
+    return estimate->t.lower > ray->tmin && estimate->t.upper < ray->tmax ? PLACEMENT_INSIDE : PLACEMENT_UNSURE;
+}
+
+static void triangle_consider(struct trace *trace, const struct gn_ref_filter *filter, int lane_index, uint32_t id)
 {
     struct found found;
-    const struct gn_ref_ray *ray = trace->setup.ray;
+    struct gn_ref_lane lane;
+    struct gn_ref_estimate estimate;
     if (!admitted(trace, id, &found))
         return;
-    struct gn_ref_estimate estimate;
-    if ((filter->certain >> lane & 1) && gn_ref_estimate_f64(&estimate, filter, lane, &trace->setup)) {
-        if (estimate.t.lower >= ray->tmax || estimate.t.upper <= ray->tmin || estimate.t.lower > trace->limit) {
+    if (filter->certain >> lane_index & 1) {
+        gn_ref_filter_lane(&lane, filter, lane_index);
+        enum placement placement = PLACEMENT_UNSURE;
+        if (gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
+            placement = estimate_place(trace, &estimate);
+        if (placement != PLACEMENT_UNSURE) {
             trace->filtered++;
+            if (placement == PLACEMENT_INSIDE && facing_admitted(trace, estimate.sum_sign, &found)) {
+                found_set(&found, &estimate);
+                accept(trace, &found);
+            }
             return;
         }
-        if (estimate.t.lower > ray->tmin && estimate.t.upper < ray->tmax) {
-            trace->filtered++;
-            if (!facing_admitted(trace, estimate.sum_sign, &found))
-                return;
-            found.t = estimate.t;
-            found.t_value = estimate.t_value;
-            found.t_error = estimate.t_error;
-            found.beta = estimate.beta;
-            found.gamma = estimate.gamma;
-            found.barycentric_error = estimate.barycentric_error;
-            accept(trace, &found);
+    }
+    if (triangle_wide(trace, id, &lane)) {
+        struct gn_ref_signs signs = {0};
+        for (int i = 0; i < 3; i++) {
+            signs.edge[i] = (lane.edge[i] > 0) - (lane.edge[i] < 0);
+            found.zeros |= (unsigned)(signs.edge[i] == 0) << i;
+        }
+        if (!gn_ref_signs_meet(&signs))
+            return;
+        enum placement placement = PLACEMENT_UNSURE;
+        if (gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
+            placement = estimate_place(trace, &estimate);
+        if (placement != PLACEMENT_UNSURE) {
+            if (placement == PLACEMENT_INSIDE && facing_admitted(trace, estimate.sum_sign, &found)) {
+                found_set(&found, &estimate);
+                found.sharp = true;
+                accept(trace, &found);
+            }
             return;
         }
+        found.zeros = 0;
     }
     if (triangle_exact(trace, &found))
         accept(trace, &found);
@@ -394,11 +511,19 @@ static void traverse(struct trace *trace, bool triangles, bool boxes)
     }
 }
 
+static bool accurate(const struct found *found)
+{
+    return found->t_error <= 0x1p-41 * fabs(found->t_value) && found->barycentric_error <= 0x1p-41 &&
+           found->t_exit_error <= 0x1p-41 * fabs(found->t_exit);
+}
+
 /* t to the accuracy that trace.h promises. */
 static void refine(struct trace *trace, struct found *found)
 {
-    if (found->t_error <= 0x1p-41 * fabs(found->t_value) && found->barycentric_error <= 0x1p-41 &&
-        found->t_exit_error <= 0x1p-41 * fabs(found->t_exit))
+    if (accurate(found))
+        return;
+    sharpen(trace, found);
+    if (accurate(found))
         return;
     struct gn_ref_exact *exact = exact_stage(trace);
     const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];

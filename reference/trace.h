@@ -90,11 +90,13 @@ int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref
                            const struct gn_ref_hit *a, const struct gn_ref_hit *b);
 
 /*
- * How often the f64 filter decided, how often exact arithmetic had to: for tests and reports. Process-wide
- * counters, updated without synchronisation cost; approximate while threads run.
+ * How often the f64 filter decided about a primitive, how often integers of fixed width had to, and how often
+ * integers of any size: for tests and reports. Process-wide counters, added to once per ray; exact once the
+ * tracing threads are done.
  */
 struct gn_ref_trace_counters {
     uint64_t filtered;
+    uint64_t wide;
     uint64_t exact;
 };
 struct gn_ref_trace_counters gn_ref_trace_counters(void);

@@ -78,7 +78,8 @@ int main(int argc, char **argv)
     struct proof_counts sum = total;
     report("all", &sum, seconds() - start, &none);
     struct gn_ref_trace_counters counters = gn_ref_trace_counters();
-    printf("the reference: %llu decisions by the filter, %llu exact\n", (unsigned long long)counters.filtered,
+    printf("the reference: %llu decisions by the filter, %llu by wide integers, %llu by GMP\n",
+           (unsigned long long)counters.filtered, (unsigned long long)counters.wide,
            (unsigned long long)counters.exact);
     return total.differences ? 1 : total.rays ? 0 : 4;
 }
