@@ -74,6 +74,9 @@ static void load_next(struct gn_device *device, PFN_vkGetDeviceProcAddr lookup)
     struct gn_device_next *next = &device->next;
     next->GetDeviceProcAddr = lookup;
 #define GN_DEVICE_COMMAND(name) next->name = (PFN_vk##name)lookup(device->handle, "vk" #name);
+#define GN_DEVICE_OWN(name)                                                                                            \
+    next->name =                                                                                                       \
+        (PFN_vk##name)device->instance->next.GetInstanceProcAddr(device->instance->handle, "vk" #name);
 #define GN_DEVICE_USED(name) next->name = (PFN_vk##name)lookup(device->handle, "vk" #name);
 #include "layer/commands.def"
 #define GN_DEVICE_ALIAS(alias, name)                                                                                   \
@@ -180,7 +183,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_SetDebugUtilsObjectNameEXT(VkDevice hand
 {
     struct gn_device *device = gn_device_of(handle);
     char *name = info->pObjectName && *info->pObjectName ? strdup(info->pObjectName) : NULL;
-    gn_lock(device);
+    gn_lock(device); /* a device that is not tracked knows no objects */
     char **slot = name_of(device, info->objectType, info->objectHandle);
     if (slot) {
         char *old = *slot;
@@ -189,5 +192,5 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_SetDebugUtilsObjectNameEXT(VkDevice hand
     }
     gn_unlock(device);
     free(name);
-    return device->next.SetDebugUtilsObjectNameEXT(handle, info);
+    return device->next.SetDebugUtilsObjectNameEXT ? device->next.SetDebugUtilsObjectNameEXT(handle, info) : VK_SUCCESS;
 }

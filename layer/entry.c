@@ -111,6 +111,12 @@ static const struct named_entry tracked_device_entries[] = {
 #include "layer/commands.def"
 };
 
+/* The driver need not know VK_EXT_debug_utils for the application to name objects: the layer wants the names. */
+static const struct named_entry own_device_entries[] = {
+#define GN_DEVICE_OWN(name) {"vk" #name, (PFN_vkVoidFunction)gn_entry_##name},
+#include "layer/commands.def"
+};
+
 #define COUNT(table) (sizeof table / sizeof table[0])
 
 static PFN_vkVoidFunction look_up(const struct named_entry *table, size_t count, const char *name)
@@ -131,13 +137,15 @@ VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL gn_entry_GetDeviceProcAddr(VkDevice han
     if (entry)
         return entry;
     PFN_vkVoidFunction next = device->next.GetDeviceProcAddr(handle, name);
-    if (next && device->tracked)
+    if (device->instance->debug_utils)
+        entry = look_up(own_device_entries, COUNT(own_device_entries), name);
+    if (!entry && next && device->tracked)
         entry = look_up(tracked_device_entries, COUNT(tracked_device_entries), name);
     return entry ? entry : next;
 }
 
 /* Device commands asked for through the instance are the loader's business (it dispatches by device); what the next layer
- * answers is right for them, except for the two that belong to every device. */
+ * answers is right for them, except for those that the layer has on every device. */
 VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL gn_entry_GetInstanceProcAddr(VkInstance handle, const char *name)
 {
     PFN_vkVoidFunction entry = look_up(global_entries, COUNT(global_entries), name);
@@ -148,6 +156,8 @@ VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL gn_entry_GetInstanceProcAddr(VkInstance
         return NULL;
     entry = look_up(every_device_entries, COUNT(every_device_entries), name);
     if (entry)
+        return entry;
+    if (instance->debug_utils && (entry = look_up(own_device_entries, COUNT(own_device_entries), name)))
         return entry;
     PFN_vkVoidFunction next = instance->next.GetInstanceProcAddr(handle, name);
     if (next)

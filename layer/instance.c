@@ -73,6 +73,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateInstance(const VkInstanceCreateInf
         result = VK_ERROR_OUT_OF_HOST_MEMORY;
         goto fail;
     }
+    for (uint32_t i = 0; i < info->enabledExtensionCount; i++)
+        instance->debug_utils |= strcmp(info->ppEnabledExtensionNames[i], VK_EXT_DEBUG_UTILS_EXTENSION_NAME) == 0;
     adopt_messengers(instance, info->pNext);
     gn_settings_read(info, &instance->settings);
     if (instance->settings.log_file) {

@@ -21,6 +21,7 @@
 
 #define GN_INSTANCE_COMMAND(name) extern __typeof__(vk##name) gn_entry_##name;
 #define GN_DEVICE_COMMAND(name) extern __typeof__(vk##name) gn_entry_##name;
+#define GN_DEVICE_OWN(name) extern __typeof__(vk##name) gn_entry_##name;
 #include "layer/commands.def"
 extern __typeof__(vkCreateInstance) gn_entry_CreateInstance;
 extern __typeof__(vkDestroyDevice) gn_entry_DestroyDevice;
@@ -37,6 +38,7 @@ struct gn_instance_next {
 struct gn_device_next {
     PFN_vkGetDeviceProcAddr GetDeviceProcAddr;
 #define GN_DEVICE_COMMAND(name) PFN_vk##name name;
+#define GN_DEVICE_OWN(name) PFN_vk##name name; /* may be NULL */
 #define GN_DEVICE_USED(name) PFN_vk##name name;
 #include "layer/commands.def"
 };
@@ -72,6 +74,7 @@ struct gn_instance {
     VkInstance handle;
     void *key;
     struct gn_instance_next next;
+    bool debug_utils; /* the application enabled VK_EXT_debug_utils */
     struct gn_settings settings;
     struct gn_tally tally;
     atomic_uint tracked_devices, passed_devices; /* ever created, with and without acceleration structures */

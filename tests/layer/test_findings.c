@@ -1,0 +1,752 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The rule end to end: one scenario per row, each a valid or an invalid use of acceleration structures on the real driver.
+ * The table runs a second time above Khronos' validation with synchronization validation, which must not object to
+ * anything. */
+#include "tests/layer/harness.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BLAS VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR
+#define GENERIC VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR
+
+/* What most scenarios need. */
+struct scene {
+    struct world *world;
+    struct structure blas, tlas;
+};
+
+static struct scene scene_create(struct world *world)
+{
+    struct scene scene = {.world = world};
+    scene.blas = blas_create(world, BLAS, VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR);
+    scene.tlas = tlas_create(world, 1);
+    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    return scene;
+}
+
+static void scene_destroy(struct scene *scene)
+{
+    structure_destroy(scene->world, &scene->tlas);
+    structure_destroy(scene->world, &scene->blas);
+}
+
+static void run_build(struct world *world, struct structure *structure)
+{
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, structure);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+}
+
+static void never_built(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    structure_name(world, &scene.blas, "tree");
+    structure_name(world, &scene.tlas, "scene");
+    run_build(world, &scene.tlas);
+    const struct message *message = messages_find(world, NEVER_BUILT);
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "instance 0 of 1 of TLAS \"scene\""));
+    assert_non_null(strstr(message->text, "BLAS \"tree\""));
+    assert_non_null(strstr(message->text, "Remedy: Build the BLAS"));
+    assert_non_null(strstr(message->text, "WG-015"));
+    assert_int_equal(message->severity, VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT);
+    assert_int_equal(message->object_count, 2);
+    assert_true(message->objects[0] == (uint64_t)scene.tlas.handle);
+    assert_true(message->objects[1] == (uint64_t)scene.blas.handle);
+    assert_string_equal(message->names[1], "tree");
+    scene_destroy(&scene);
+}
+
+static void later_instance_named(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure tlas = tlas_create(world, 3), other = blas_create(world, BLAS, 0);
+    run_build(world, &other);
+    tlas_refer(&tlas, 0, other.address);
+    tlas_refer(&tlas, 2, scene.blas.address);
+    run_build(world, &tlas);
+    const struct message *message = messages_find(world, NEVER_BUILT);
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "instance 2 of 3"));
+    structure_destroy(world, &tlas);
+    structure_destroy(world, &other);
+    scene_destroy(&scene);
+}
+
+static void built_in_earlier_submission(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    run_build(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void built_in_same_commands(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.blas);
+    commands_barrier(commands);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void built_after_in_same_commands(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_barrier(commands);
+    commands_build_one(world, commands, &scene.blas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void built_in_same_call(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure *both[] = {&scene.blas, &scene.tlas};
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build(world, commands, both, 2);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void recorded_in_reverse(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer top = commands_begin(world, 0);
+    commands_build_one(world, top, &scene.tlas);
+    commands_end(top);
+    VkCommandBuffer bottom = commands_begin(world, 0);
+    commands_build_one(world, bottom, &scene.blas);
+    commands_barrier(bottom);
+    commands_end(bottom);
+    VkCommandBuffer both[] = {bottom, top};
+    VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 2, .pCommandBuffers = both};
+    assert_int_equal(vkQueueSubmit(world->queue, 1, &info, VK_NULL_HANDLE), VK_SUCCESS);
+    assert_int_equal(vkQueueWaitIdle(world->queue), VK_SUCCESS);
+    scene_destroy(&scene);
+}
+
+static void recorded_forward_submitted_in_reverse(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer bottom = commands_begin(world, 0);
+    commands_build_one(world, bottom, &scene.blas);
+    commands_barrier(bottom);
+    commands_end(bottom);
+    VkCommandBuffer top = commands_begin(world, 0);
+    commands_build_one(world, top, &scene.tlas);
+    commands_barrier(top);
+    commands_end(top);
+    submit(world, top, VK_NULL_HANDLE);
+    submit(world, bottom, VK_NULL_HANDLE);
+    assert_int_equal(vkQueueWaitIdle(world->queue), VK_SUCCESS);
+    scene_destroy(&scene);
+}
+
+static void submit2_and_wait(struct world *world, VkCommandBuffer commands)
+{
+    VkCommandBufferSubmitInfo buffer = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_SUBMIT_INFO, .commandBuffer = commands};
+    VkSubmitInfo2 info = {
+        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO_2, .commandBufferInfoCount = 1, .pCommandBufferInfos = &buffer};
+    assert_int_equal(vkQueueSubmit2(world->queue, 1, &info, VK_NULL_HANDLE), VK_SUCCESS);
+    assert_int_equal(vkDeviceWaitIdle(world->device), VK_SUCCESS);
+}
+
+static void never_built_submit2(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit2_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void built_submit2(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.blas);
+    commands_barrier(commands);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit2_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void copy_into(struct world *world, const struct structure *from, const struct structure *to,
+                      VkCopyAccelerationStructureModeKHR mode)
+{
+    VkCopyAccelerationStructureInfoKHR info = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
+                                               .src = from->handle,
+                                               .dst = to->handle,
+                                               .mode = mode};
+    VkCommandBuffer commands = commands_begin(world, 0);
+    world->CmdCopyAccelerationStructureKHR(commands, &info);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+}
+
+static void cloned(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure copy = target_create(world, BLAS, scene.blas.size);
+    run_build(world, &scene.blas);
+    copy_into(world, &scene.blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR);
+    tlas_refer(&scene.tlas, 0, copy.address);
+    run_build(world, &scene.tlas);
+    structure_destroy(world, &copy);
+    scene_destroy(&scene);
+}
+
+static VkDeviceSize size_of(struct world *world, const struct structure *structure, VkQueryType type)
+{
+    VkQueryPool pool;
+    VkQueryPoolCreateInfo info = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = type, .queryCount = 1};
+    assert_int_equal(vkCreateQueryPool(world->device, &info, NULL, &pool), VK_SUCCESS);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    vkCmdResetQueryPool(commands, pool, 0, 1);
+    world->CmdWriteAccelerationStructuresPropertiesKHR(commands, 1, &structure->handle, type, pool, 0);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    uint64_t size = 0;
+    assert_int_equal(vkGetQueryPoolResults(world->device, pool, 0, 1, sizeof size, &size, sizeof size,
+                                           VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT),
+                     VK_SUCCESS);
+    vkDestroyQueryPool(world->device, pool, NULL);
+    assert_true(size > 0);
+    return size;
+}
+
+static void compacted(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    run_build(world, &scene.blas);
+    VkDeviceSize size = size_of(world, &scene.blas, VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR);
+    struct structure copy = target_create(world, BLAS, size);
+    copy_into(world, &scene.blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR);
+    tlas_refer(&scene.tlas, 0, copy.address);
+    run_build(world, &scene.tlas);
+    structure_destroy(world, &copy);
+    scene_destroy(&scene);
+}
+
+static void compacted_but_refers_to_unfilled_copy(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure copy = target_create(world, BLAS, scene.blas.size);
+    run_build(world, &scene.blas);
+    tlas_refer(&scene.tlas, 0, copy.address);
+    run_build(world, &scene.tlas);
+    structure_destroy(world, &copy);
+    scene_destroy(&scene);
+}
+
+static void deserialized(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    run_build(world, &scene.blas);
+    VkDeviceSize size = size_of(world, &scene.blas, VK_QUERY_TYPE_ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR);
+    struct buffer data = buffer_create(world, size + 256, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
+                                                              VK_BUFFER_USAGE_TRANSFER_SRC_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT);
+    VkDeviceAddress aligned = (data.address + 255) & ~(VkDeviceAddress)255;
+    struct structure copy = target_create(world, BLAS, scene.blas.size);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    VkCopyAccelerationStructureToMemoryInfoKHR out = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_TO_MEMORY_INFO_KHR,
+                                                      .src = scene.blas.handle,
+                                                      .dst.deviceAddress = aligned,
+                                                      .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_SERIALIZE_KHR};
+    world->CmdCopyAccelerationStructureToMemoryKHR(commands, &out);
+    commands_barrier(commands);
+    VkCopyMemoryToAccelerationStructureInfoKHR in = {.sType = VK_STRUCTURE_TYPE_COPY_MEMORY_TO_ACCELERATION_STRUCTURE_INFO_KHR,
+                                                     .src.deviceAddress = aligned,
+                                                     .dst = copy.handle,
+                                                     .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_DESERIALIZE_KHR};
+    world->CmdCopyMemoryToAccelerationStructureKHR(commands, &in);
+    commands_barrier(commands);
+    tlas_refer(&scene.tlas, 0, copy.address);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    structure_destroy(world, &copy);
+    buffer_destroy(world, &data);
+    scene_destroy(&scene);
+}
+
+static void rebuilt_and_updated(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    run_build(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    run_build(world, &scene.blas);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_update(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void update_finds_it_too(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    tlas_refer(&scene.tlas, 0, 0);
+    struct structure built = blas_create(world, BLAS, 0);
+    run_build(world, &built);
+    tlas_refer(&scene.tlas, 0, built.address);
+    run_build(world, &scene.tlas);
+    expect_findings(world, 0);
+    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_update(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    structure_destroy(world, &built);
+    scene_destroy(&scene);
+}
+
+static void null_reference(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    tlas_refer(&scene.tlas, 0, 0);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void no_instances(struct world *world)
+{
+    struct structure tlas = tlas_create(world, 0);
+    run_build(world, &tlas);
+    structure_destroy(world, &tlas);
+}
+
+static void recycled_and_built(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkDeviceAddress before = scene.blas.address;
+    structure_destroy_handle(world, &scene.blas);
+    structure_create_handle(world, &scene.blas, BLAS);
+    assert_true(scene.blas.address == before);
+    run_build(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void recycled_not_built(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkDeviceAddress before = scene.blas.address;
+    run_build(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    expect_findings(world, 0);
+    structure_destroy_handle(world, &scene.blas);
+    structure_create_handle(world, &scene.blas, BLAS);
+    assert_true(scene.blas.address == before);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void destroyed_before_it_is_judged(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.blas);
+    commands_barrier(commands);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    VkSemaphoreTypeCreateInfo timeline = {.sType = VK_STRUCTURE_TYPE_SEMAPHORE_TYPE_CREATE_INFO,
+                                          .semaphoreType = VK_SEMAPHORE_TYPE_TIMELINE};
+    VkSemaphoreCreateInfo create = {.sType = VK_STRUCTURE_TYPE_SEMAPHORE_CREATE_INFO, .pNext = &timeline};
+    VkSemaphore semaphore;
+    assert_int_equal(vkCreateSemaphore(world->device, &create, NULL, &semaphore), VK_SUCCESS);
+    uint64_t one = 1;
+    VkTimelineSemaphoreSubmitInfo values = {.sType = VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO,
+                                            .signalSemaphoreValueCount = 1,
+                                            .pSignalSemaphoreValues = &one};
+    VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO,
+                         .pNext = &values,
+                         .commandBufferCount = 1,
+                         .pCommandBuffers = &commands,
+                         .signalSemaphoreCount = 1,
+                         .pSignalSemaphores = &semaphore};
+    assert_int_equal(vkQueueSubmit(world->queue, 1, &info, VK_NULL_HANDLE), VK_SUCCESS);
+    VkSemaphoreWaitInfo wait = {.sType = VK_STRUCTURE_TYPE_SEMAPHORE_WAIT_INFO,
+                                .semaphoreCount = 1,
+                                .pSemaphores = &semaphore,
+                                .pValues = &one};
+    assert_int_equal(vkWaitSemaphores(world->device, &wait, UINT64_MAX), VK_SUCCESS);
+    vkFreeCommandBuffers(world->device, world->pool, 1, &commands);
+    structure_destroy_handle(world, &scene.blas);
+    structure_create_handle(world, &scene.blas, BLAS);
+    vkDestroySemaphore(world->device, semaphore, NULL);
+    assert_int_equal(vkQueueWaitIdle(world->queue), VK_SUCCESS);
+    scene_destroy(&scene);
+}
+
+static void generic_type(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure generic = blas_create(world, GENERIC, 0);
+    run_build(world, &generic);
+    tlas_refer(&scene.tlas, 0, generic.address);
+    run_build(world, &scene.tlas);
+    structure_destroy(world, &generic);
+    scene_destroy(&scene);
+}
+
+static void generic_never_built(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure generic = blas_create(world, GENERIC, 0);
+    tlas_refer(&scene.tlas, 0, generic.address);
+    run_build(world, &scene.tlas);
+    structure_destroy(world, &generic);
+    scene_destroy(&scene);
+}
+
+/* The second execution is the same finding, counted, not told again; a third after the build stays silent. */
+static void resubmitted(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    submit_and_wait(world, commands);
+    run_build(world, &scene.blas);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+/* Valid at first; then the records change from the host and the same commands run again. */
+static void resubmitted_with_other_records(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkFence fence = fence_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_barrier(commands);
+    commands_end(commands);
+    tlas_refer(&scene.tlas, 0, 0);
+    submit(world, commands, fence);
+    assert_int_equal(vkWaitForFences(world->device, 1, &fence, VK_TRUE, UINT64_MAX), VK_SUCCESS);
+    assert_int_equal(vkResetFences(world->device, 1, &fence), VK_SUCCESS);
+    expect_findings(world, 0);
+    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    submit(world, commands, fence);
+    while (vkGetFenceStatus(world->device, fence) == VK_NOT_READY)
+        ;
+    expect_findings(world, 1);
+    vkDestroyFence(world->device, fence, NULL);
+    scene_destroy(&scene);
+}
+
+static void simultaneous_use(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, VK_COMMAND_BUFFER_USAGE_SIMULTANEOUS_USE_BIT);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_barrier(commands);
+    commands_end(commands);
+    for (int i = 0; i < 8; i++)
+        submit(world, commands, VK_NULL_HANDLE);
+    assert_int_equal(vkDeviceWaitIdle(world->device), VK_SUCCESS);
+    scene_destroy(&scene);
+}
+
+static void in_secondary(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer secondary = secondary_begin(world, 0);
+    commands_build_one(world, secondary, &scene.tlas);
+    commands_end(secondary);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    vkCmdExecuteCommands(commands, 1, &secondary);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void built_in_secondary(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer secondary = secondary_begin(world, 0);
+    commands_build_one(world, secondary, &scene.blas);
+    commands_barrier(secondary);
+    commands_end(secondary);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    vkCmdExecuteCommands(commands, 1, &secondary);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+/* Recorded, and never executed: neither the build of the BLAS nor that of the TLAS happened. */
+static void reset_before_submission(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    assert_int_equal(vkResetCommandBuffer(commands, 0), VK_SUCCESS);
+    VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
+    assert_int_equal(vkBeginCommandBuffer(commands, &info), VK_SUCCESS);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void bottom_recorded_but_not_submitted(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.blas);
+    commands_end(commands);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+/* The instances are written on the device, by the command before the build. */
+static void records_written_on_the_device(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure written = tlas_create(world, 1), *tlas = &written;
+    buffer_destroy(world, &written.input);
+    written.input = buffer_create(world, sizeof(VkAccelerationStructureInstanceKHR),
+                                  VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                                      VK_BUFFER_USAGE_TRANSFER_DST_BIT);
+    VkAccelerationStructureInstanceKHR instance = *(VkAccelerationStructureInstanceKHR *)scene.tlas.input.mapped;
+    VkCommandBuffer commands = commands_begin(world, 0);
+    vkCmdUpdateBuffer(commands, written.input.handle, 0, sizeof instance, &instance);
+    VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
+                               .srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT,
+                               .dstAccessMask = VK_ACCESS_SHADER_READ_BIT};
+    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_TRANSFER_BIT, VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR, 0, 1,
+                         &barrier, 0, NULL, 0, NULL);
+    commands_build_one(world, commands, tlas);
+    /* The records are cleared again, ordered after the build alone. */
+    vkCmdPipelineBarrier(commands, VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR, VK_PIPELINE_STAGE_TRANSFER_BIT, 0, 0,
+                         NULL, 0, NULL, 0, NULL);
+    vkCmdFillBuffer(commands, written.input.handle, 0, VK_WHOLE_SIZE, 0);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    structure_destroy(world, &written);
+    scene_destroy(&scene);
+}
+
+/* A reference that no structure has: said in the statement, not by this rule. */
+static void unknown_reference(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    run_build(world, &scene.blas);
+    structure_destroy_handle(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void primitive_offset(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure tlas = tlas_create(world, 2);
+    tlas_refer(&tlas, 1, scene.blas.address);
+    VkAccelerationStructureGeometryKHR geometry = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
+        .geometryType = VK_GEOMETRY_TYPE_INSTANCES_KHR,
+        .geometry.instances = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_INSTANCES_DATA_KHR,
+                               .data.deviceAddress = tlas.input.address}};
+    const VkAccelerationStructureGeometryKHR *pointer = &geometry;
+    VkAccelerationStructureBuildGeometryInfoKHR build = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
+        .type = VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+        .flags = tlas.flags,
+        .dstAccelerationStructure = tlas.handle,
+        .geometryCount = 1,
+        .ppGeometries = &pointer,
+        .scratchData.deviceAddress = tlas.scratch.address};
+    VkAccelerationStructureBuildRangeInfoKHR first = {.primitiveCount = 1}, second = first;
+    second.primitiveOffset = sizeof(VkAccelerationStructureInstanceKHR);
+    const VkAccelerationStructureBuildRangeInfoKHR *ranges = &first;
+    VkCommandBuffer commands = commands_begin(world, 0);
+    world->CmdBuildAccelerationStructuresKHR(commands, 1, &build, &ranges);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    expect_findings(world, 0);
+    ranges = &second;
+    commands = commands_begin(world, 0);
+    world->CmdBuildAccelerationStructuresKHR(commands, 1, &build, &ranges);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    structure_destroy(world, &tlas);
+    scene_destroy(&scene);
+}
+
+/* Transfer usage is added to the buffer of the records; every way to ask for its memory must agree. */
+static void memory_requirements_agree(struct world *world)
+{
+    VkBufferUsageFlags2CreateInfoKHR wide = {
+        .sType = VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO_KHR,
+        .usage = VK_BUFFER_USAGE_2_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                 VK_BUFFER_USAGE_2_SHADER_DEVICE_ADDRESS_BIT_KHR};
+    VkBufferCreateInfo infos[2] = {
+        {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+         .size = 4096,
+         .usage = VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                  VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT},
+        {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO, .pNext = &wide, .size = 4096},
+    };
+    for (int i = 0; i < 2; i++) {
+        VkBuffer buffer;
+        VkMemoryRequirements one;
+        VkMemoryRequirements2 two = {.sType = VK_STRUCTURE_TYPE_MEMORY_REQUIREMENTS_2};
+        VkDeviceBufferMemoryRequirements query = {.sType = VK_STRUCTURE_TYPE_DEVICE_BUFFER_MEMORY_REQUIREMENTS,
+                                                  .pCreateInfo = &infos[i]};
+        assert_int_equal(vkCreateBuffer(world->device, &infos[i], NULL, &buffer), VK_SUCCESS);
+        vkGetBufferMemoryRequirements(world->device, buffer, &one);
+        vkGetDeviceBufferMemoryRequirements(world->device, &query, &two);
+        assert_true(one.size == two.memoryRequirements.size);
+        assert_true(one.alignment == two.memoryRequirements.alignment);
+        assert_int_equal(one.memoryTypeBits, two.memoryRequirements.memoryTypeBits);
+        vkDestroyBuffer(world->device, buffer, NULL);
+    }
+    assert_int_equal(wide.usage & VK_BUFFER_USAGE_2_TRANSFER_SRC_BIT_KHR, 0);
+}
+
+/* The records lie in a buffer whose usage comes from the 64-bit flags. */
+static void wide_usage_flags(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkBufferUsageFlags2CreateInfoKHR wide = {
+        .sType = VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO_KHR,
+        .usage = VK_BUFFER_USAGE_2_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                 VK_BUFFER_USAGE_2_SHADER_DEVICE_ADDRESS_BIT_KHR};
+    VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO, .pNext = &wide, .size = 64};
+    vkDestroyBuffer(world->device, scene.tlas.input.handle, NULL);
+    assert_int_equal(vkCreateBuffer(world->device, &info, NULL, &scene.tlas.input.handle), VK_SUCCESS);
+    VkBindBufferMemoryInfo bind = {.sType = VK_STRUCTURE_TYPE_BIND_BUFFER_MEMORY_INFO,
+                                   .buffer = scene.tlas.input.handle,
+                                   .memory = scene.tlas.input.memory};
+    assert_int_equal(vkBindBufferMemory2(world->device, 1, &bind), VK_SUCCESS);
+    VkBufferDeviceAddressInfo query = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO,
+                                       .buffer = scene.tlas.input.handle};
+    scene.tlas.input.address = vkGetBufferDeviceAddress(world->device, &query);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void nothing_waited_for(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkFence fence = fence_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit(world, commands, fence);
+    assert_int_equal(vkWaitForFences(world->device, 1, &fence, VK_TRUE, UINT64_MAX), VK_SUCCESS);
+    vkDestroyFence(world->device, fence, NULL);
+    scene_destroy(&scene);
+}
+
+static const struct scenario {
+    const char *name, *why;
+    void (*run)(struct world *world);
+    uint32_t findings;
+} scenarios[] = {
+#define FIRES(scenario, count, why) {#scenario, why, scenario, count},
+#define SILENT(scenario, why) {#scenario, why, scenario, 0},
+    FIRES(never_built, 1, "created, referred to, never built")
+    SILENT(built_in_earlier_submission, "the usual way")
+    FIRES(later_instance_named, 1, "the offending one among several instances")
+    SILENT(built_in_same_commands, "earlier in the same command buffer")
+    FIRES(built_after_in_same_commands, 1, "later in the same command buffer is too late")
+    SILENT(built_in_same_call, "unordered, which is another rule's matter")
+    SILENT(recorded_in_reverse, "recording order means nothing")
+    FIRES(recorded_forward_submitted_in_reverse, 1, "submission order is what counts")
+    FIRES(never_built_submit2, 1, "vkQueueSubmit2 is replayed as well")
+    SILENT(built_submit2, "vkQueueSubmit2 is replayed as well")
+    SILENT(cloned, "a clone of a built structure is built")
+    SILENT(compacted, "a compacted copy is built")
+    FIRES(compacted_but_refers_to_unfilled_copy, 1, "the copy was never made")
+    SILENT(deserialized, "a deserialized structure is built")
+    SILENT(rebuilt_and_updated, "built more than once")
+    FIRES(update_finds_it_too, 1, "an update reads instances too")
+    SILENT(null_reference, "0 is an inactive instance")
+    SILENT(no_instances, "an empty TLAS")
+    SILENT(recycled_and_built, "the address now belongs to a built structure")
+    FIRES(recycled_not_built, 1, "the former owner of the address was built, this one is not")
+    SILENT(destroyed_before_it_is_judged, "it was built and alive when the device read it")
+    SILENT(generic_type, "GENERIC is legal")
+    FIRES(generic_never_built, 1, "GENERIC has to be built as well")
+    FIRES(resubmitted, 1, "one site, however often it runs")
+    FIRES(resubmitted_with_other_records, 1, "contents are those of the execution")
+    FIRES(simultaneous_use, 1, "the last execution is judged")
+    FIRES(in_secondary, 1, "a secondary is executed where it is called")
+    SILENT(built_in_secondary, "a secondary is executed where it is called")
+    SILENT(reset_before_submission, "what was never submitted did not happen")
+    FIRES(bottom_recorded_but_not_submitted, 1, "what was never submitted did not happen")
+    FIRES(records_written_on_the_device, 1, "records are read when the device reads them")
+    SILENT(unknown_reference, "a dangling reference is another rule's matter")
+    FIRES(primitive_offset, 1, "the range's offset selects the records")
+    SILENT(memory_requirements_agree, "added usage shows in every query alike")
+    FIRES(wide_usage_flags, 1, "usage flags of 64 bits")
+    FIRES(nothing_waited_for, 1, "the fence is destroyed at once after the wait")
+};
+
+#define SCENARIO_COUNT (sizeof scenarios / sizeof scenarios[0])
+
+static void run_scenario(void **state)
+{
+    const struct scenario *scenario = *state;
+    struct world *world = calloc(1, sizeof *world);
+    assert_non_null(world);
+    world_init(world, NULL);
+    scenario->run(world);
+    expect_findings(world, scenario->findings);
+    world_finish(world);
+    free(world);
+}
+
+/* Without this, the run above Khronos' layer could pass because that layer is asleep. */
+static void khronos_listens(void **state)
+{
+    (void)state;
+    struct world *world = calloc(1, sizeof *world);
+    assert_non_null(world);
+    world_init(world, NULL);
+    struct buffer buffer = buffer_create(world, 64, VK_BUFFER_USAGE_TRANSFER_DST_BIT);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    vkCmdFillBuffer(commands, buffer.handle, 0, 64, 1);
+    vkCmdFillBuffer(commands, buffer.handle, 0, 64, 2);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    buffer_destroy(world, &buffer);
+    assert_int_equal(messages_count(world, "SYNC-HAZARD-WRITE-AFTER-WRITE"), 1);
+    world->above_khronos = false;
+    world_finish(world);
+    free(world);
+}
+
+int main(void)
+{
+    struct CMUnitTest tests[SCENARIO_COUNT + 1];
+    size_t count = 0;
+    for (; count < SCENARIO_COUNT; count++)
+        tests[count] = (struct CMUnitTest){.name = scenarios[count].name,
+                                           .test_func = run_scenario,
+                                           .initial_state = (void *)(uintptr_t)&scenarios[count]};
+    if (getenv("GNOMON_TEST_BENEATH"))
+        tests[count++] = (struct CMUnitTest)cmocka_unit_test(khronos_listens);
+    return _cmocka_run_group_tests("findings", tests, count, NULL, NULL);
+}
