@@ -174,7 +174,7 @@ static enum gn_device_status triangles_write(struct gn_built_scene *built, const
                                              uint32_t blas, uint32_t number, bool two_inputs,
                                              struct gn_build_input *initial, struct gn_build_input *final)
 {
-    struct layout layout;
+    struct layout layout = {0};
     enum gn_device_status status = layout_find(built, geometry, blas, number, &layout);
     if (status != GN_DEVICE_OK) {
         return status;

@@ -144,9 +144,11 @@ void gn_vertex_encode(const struct gn_vertex_format *format, const double positi
          */
         const double value = i < 3 ? position[i] : 1.0;
         if (format->kind != GN_VERTEX_FLOAT) {
-            const int32_t integer = normalised_from(format, value);
-            const uint16_t low = (uint16_t)integer;
-            memcpy(out, &low, bytes); /* little-endian, as every host of these drivers is */
+            const uint32_t integer = (uint32_t)normalised_from(format, value);
+            out[0] = (uint8_t)integer;
+            if (bytes == 2) {
+                out[1] = (uint8_t)(integer >> 8);
+            }
         } else if (bytes == 8) {
             memcpy(out, &value, 8);
         } else if (bytes == 4) {
@@ -185,9 +187,7 @@ void gn_vertex_decode(const struct gn_vertex_format *format, const uint8_t *byte
     for (uint32_t i = 0; i < format->components && i < 3; i++) {
         const uint8_t *in = bytes + i * step;
         if (format->kind != GN_VERTEX_FLOAT) {
-            uint16_t raw = 0;
-            memcpy(&raw, in, step);
-            out_position[i] = integer_decode(format, raw);
+            out_position[i] = integer_decode(format, step == 2 ? in[0] | (uint32_t)in[1] << 8 : in[0]);
         } else if (step == 8) {
             memcpy(&out_position[i], in, 8);
         } else if (step == 4) {
