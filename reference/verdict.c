@@ -429,39 +429,52 @@ static double box_margin(struct gn_ref_judge *judge, const struct gn_ref_ray *ra
  * edge-on, culled, or near an end of the t range. Then a moved ray always meets one of them.
  */
 struct flood {
-    size_t local[64];
-    size_t *triangles; /* indices into the mesh */
+    size_t *triangles; /* indices into the mesh, in the order they were reached */
     size_t count, capacity;
+    uint32_t *slots; /* the same as a set: open addressing, index + 1 into triangles, 2 * capacity of them */
+    bool covered;
 };
 
 static void flood_finish(struct flood *flood)
 {
-    if (flood->triangles != flood->local)
-        free(flood->triangles);
+    free(flood->triangles);
+    free(flood->slots);
+    *flood = (struct flood){0};
+}
+
+static uint32_t *flood_slot(const struct flood *flood, size_t triangle)
+{
+    size_t mask = 2 * flood->capacity - 1, at = (triangle * 0x9E3779B97F4A7C15u >> 20) & mask;
+    while (flood->slots[at] && flood->triangles[flood->slots[at] - 1] != triangle)
+        at = (at + 1) & mask;
+    return &flood->slots[at];
 }
 
 static bool flood_has(const struct flood *flood, size_t triangle)
 {
-    for (size_t i = 0; i < flood->count; i++)
-        if (flood->triangles[i] == triangle)
-            return true;
-    return false;
+    return flood->capacity && *flood_slot(flood, triangle);
 }
 
 static bool flood_add(struct flood *flood, size_t triangle)
 {
     if (flood->count == flood->capacity) {
-        size_t capacity = 2 * flood->capacity;
-        size_t *grown = malloc(capacity * sizeof *grown);
-        if (!grown)
+        size_t capacity = flood->capacity ? 4 * flood->capacity : 32;
+        size_t *triangles = realloc(flood->triangles, capacity * sizeof *triangles);
+        uint32_t *slots = calloc(2 * capacity, sizeof *slots);
+        if (triangles)
+            flood->triangles = triangles;
+        if (!triangles || !slots) {
+            free(slots);
             return false;
-        memcpy(grown, flood->triangles, flood->count * sizeof *grown);
-        if (flood->triangles != flood->local)
-            free(flood->triangles);
-        flood->triangles = grown;
+        }
+        free(flood->slots);
+        flood->slots = slots;
         flood->capacity = capacity;
+        for (size_t i = 0; i < flood->count; i++)
+            *flood_slot(flood, triangles[i]) = (uint32_t)i + 1;
     }
     flood->triangles[flood->count++] = triangle;
+    *flood_slot(flood, triangle) = (uint32_t)flood->count;
     return true;
 }
 
@@ -487,24 +500,25 @@ static bool flood_is_solid(struct gn_ref_judge *judge, const struct gn_ref_ray *
            ((double)ray->tmax - view->t) / view->t_change > bound;
 }
 
-/* A policy of NULL asks about candidates: then only what is not opaque counts. */
-static bool flood_covers(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
-                         const struct gn_ref_policy *policy, uint32_t instance, const struct gn_judge_mesh *mesh,
-                         size_t start, struct flood *flood)
+/*
+ * Fills a zeroed flood from a triangle on. A policy of NULL asks about candidates: then only what is not opaque
+ * counts. False when memory is short.
+ */
+static bool flood_fill(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
+                       const struct gn_ref_policy *policy, uint32_t instance, const struct gn_judge_mesh *mesh,
+                       size_t start, struct flood *flood)
 {
     int facing = 0;
-    bool covered = true;
-    flood->triangles = flood->local;
-    flood->capacity = sizeof flood->local / sizeof flood->local[0];
-    flood->count = 0;
-    flood_add(flood, start);
+    flood->covered = true;
+    if (!flood_add(flood, start))
+        return false;
     for (size_t next = 0; next < flood->count; next++) {
         const struct gn_judge_triangle *triangle = &mesh->triangles[flood->triangles[next]];
         struct view view;
         if (!view_of(judge, ray, instance, triangle->geometry, triangle->primitive, &view))
             return false;
         if (!flood_is_solid(judge, ray, policy, instance, triangle, &view, &facing))
-            covered = false;
+            flood->covered = false;
         for (int corner = 0; corner < 3; corner++) {
             if (view_edge_margin(&view, corner) > bound)
                 continue;
@@ -513,16 +527,56 @@ static bool flood_covers(struct gn_ref_judge *judge, const struct gn_ref_ray *ra
             gn_judge_mesh_edges(mesh, from, to, &same);
             const struct gn_judge_edge *across = gn_judge_mesh_edges(mesh, to, from, &opposite);
             if (same != 1 || opposite != 1) {
-                covered = false;
+                flood->covered = false;
                 continue;
             }
             if (flood_has(flood, across->triangle))
                 continue;
-            if (flood->count >= FLOOD_LIMIT || !flood_add(flood, across->triangle))
+            if (flood->count >= FLOOD_LIMIT) {
+                flood->covered = false;
+                return true;
+            }
+            if (!flood_add(flood, across->triangle))
                 return false;
         }
     }
-    return covered;
+    return true;
+}
+
+/*
+ * What the lost hits of one ray have in common: the ones around one vertex share one flood, which is made once.
+ * `found` are the primitives that the implementation did report for this ray: a crossing reported through another
+ * triangle of the same fan is not lost.
+ */
+struct losses {
+    struct gn_ref_judge *judge;
+    const struct gn_ref_ray *ray;
+    const struct gn_ref_policy *policy; /* NULL: candidates are judged */
+    const struct gn_ref_answer *found;
+    size_t found_count;
+    struct flood flood;
+    uint32_t flood_instance;
+    bool flood_replaced; /* a triangle of it was reported */
+};
+
+static bool losses_flood(struct losses *losses, uint32_t instance, const struct gn_judge_mesh *mesh, size_t start)
+{
+    if (losses->flood_instance == instance && flood_has(&losses->flood, start))
+        return true;
+    flood_finish(&losses->flood);
+    losses->flood_instance = instance;
+    losses->flood_replaced = false;
+    if (!flood_fill(losses->judge, losses->ray, losses->policy, instance, mesh, start, &losses->flood))
+        return false;
+    for (size_t i = 0; i < losses->found_count; i++) {
+        const struct gn_ref_answer *found = &losses->found[i];
+        if (found->kind != GN_REF_ANSWER_TRIANGLE || found->instance != instance)
+            continue;
+        size_t triangle = gn_judge_mesh_find(mesh, found->geometry, found->primitive);
+        if (triangle != SIZE_MAX && flood_has(&losses->flood, triangle))
+            losses->flood_replaced = true;
+    }
+    return true;
 }
 
 /* What is found of a lost hit. */
@@ -533,19 +587,14 @@ struct loss {
     double margin; /* the smallest of its decisions */
 };
 
-/*
- * `found` are primitives the implementation did report for this ray: a covered crossing reported through
- * another triangle of the same fan is not lost.
- */
-static bool loss_of(struct gn_ref_judge *judge, const struct gn_ref_ray *ray, const struct gn_ref_policy *policy,
-                    const struct gn_ref_hit *lost, const struct gn_ref_answer *found, size_t found_count,
-                    struct loss *out)
+static bool loss_of(struct losses *losses, const struct gn_ref_hit *lost, struct loss *out)
 {
+    struct gn_ref_judge *judge = losses->judge;
+    const struct gn_ref_ray *ray = losses->ray;
+    uint32_t blas = gn_ref_scene_instance(judge->scene, lost->instance)->blas;
     *out = (struct loss){.margin = INFINITY};
     if (lost->type == GN_REF_AABBS) {
-        const struct gn_ref_instance *instance = gn_ref_scene_instance(judge->scene, lost->instance);
-        const struct gn_ref_geometry *geometry =
-            gn_ref_scene_geometry(judge->scene, instance->blas, lost->geometry);
+        const struct gn_ref_geometry *geometry = gn_ref_scene_geometry(judge->scene, blas, lost->geometry);
         out->margin = box_margin(judge, ray, lost->instance, geometry->aabbs[lost->primitive]);
         out->excused = out->margin <= bound;
         return true;
@@ -561,23 +610,14 @@ static bool loss_of(struct gn_ref_judge *judge, const struct gn_ref_ray *ray, co
     out->excused = !(out->margin > bound);
     if (!out->excused || !(det > bound) || !(range > bound))
         return true;
-    uint32_t blas = gn_ref_scene_instance(judge->scene, lost->instance)->blas;
     const struct gn_judge_mesh *mesh = gn_judge_mesh_of(judge, blas);
     if (!mesh)
         return false;
     size_t start = gn_judge_mesh_find(mesh, lost->geometry, lost->primitive);
-    if (start == SIZE_MAX)
+    if (start == SIZE_MAX || !losses_flood(losses, lost->instance, mesh, start))
         return false;
-    struct flood flood;
-    out->covered = flood_covers(judge, ray, policy, lost->instance, mesh, start, &flood);
-    for (size_t i = 0; i < found_count; i++) {
-        if (found[i].kind != GN_REF_ANSWER_TRIANGLE || found[i].instance != lost->instance)
-            continue;
-        size_t triangle = gn_judge_mesh_find(mesh, found[i].geometry, found[i].primitive);
-        if (triangle != SIZE_MAX && flood_has(&flood, triangle))
-            out->replaced = true;
-    }
-    flood_finish(&flood);
+    out->covered = losses->flood.covered;
+    out->replaced = losses->flood_replaced;
     return true;
 }
 
@@ -588,12 +628,10 @@ static bool same_primitive(const struct gn_ref_hit *hit, const struct gn_ref_ans
 }
 
 /* Adds what follows from an ideal hit that was not reported. */
-static bool judge_loss(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
-                       const struct gn_ref_policy *policy, const struct gn_ref_hit *lost,
-                       const struct gn_ref_answer *found, size_t found_count, struct gn_ref_verdict *out)
+static bool judge_loss(struct losses *losses, const struct gn_ref_hit *lost, struct gn_ref_verdict *out)
 {
     struct loss loss;
-    if (!loss_of(judge, ray, policy, lost, found, found_count, &loss))
+    if (!loss_of(losses, lost, &loss))
         return false;
     enum gn_ref_verdict_class cls = !loss.excused  ? GN_REF_WRONG
                                     : loss.replaced ? GN_REF_ADMISSIBLE
@@ -616,6 +654,12 @@ static bool judge_loss(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
                    lost->type == GN_REF_AABBS ? "AABB" : "triangle", lost->primitive, lost->geometry,
                    lost->instance, lost->t, loss.margin, bound);
     return true;
+}
+
+static bool same_position(const struct gn_ref_geometry *geometry, uint32_t a, uint32_t b)
+{
+    const double *p = geometry->positions[a], *q = geometry->positions[b];
+    return p[0] == q[0] && p[1] == q[1] && p[2] == q[2];
 }
 
 /*
@@ -646,9 +690,12 @@ static bool judge_triangle(struct gn_ref_judge *judge, const struct gn_ref_ray *
         return true;
     }
     view_make(&object, vertices, sizes, &view);
-    if (view.det == 0) {
+    const uint32_t *corners = facts->geometry->triangles[answer->primitive];
+    if (same_position(facts->geometry, corners[0], corners[1]) ||
+        same_position(facts->geometry, corners[1], corners[2]) ||
+        same_position(facts->geometry, corners[2], corners[0])) {
         if (worsens(out, GN_REF_WRONG, 0))
-            reason_set(out, "reports triangle %u of geometry %u, instance %u, which is edge-on or degenerate",
+            reason_set(out, "reports triangle %u of geometry %u, instance %u, which is degenerate",
                        answer->primitive, answer->geometry, answer->instance);
         return true;
     }
@@ -661,10 +708,15 @@ static bool judge_triangle(struct gn_ref_judge *judge, const struct gn_ref_ray *
 
     /* Decisions that differ: the triangle itself, the range, the culling, the facing. */
     if (!ideal) {
-        double margin = 0;
+        double margin = 0, turned = 0;
         const char *what = "misses";
-        for (int corner = 0; corner < 3; corner++)
+        for (int corner = 0; corner < 3; corner++) {
             margin = fmax(margin, -view_edge_margin(&view, corner));
+            turned = fmax(turned, view_edge_margin(&view, corner));
+        }
+        /* Nearly edge-on, the triangle may as well be seen from its other side. */
+        if (view_det_margin(&view) <= bound)
+            margin = fmin(margin, turned);
         double before = ((double)ray->tmin - view.t) / view.t_change;
         double beyond = (view.t - (double)ray->tmax) / view.t_change;
         if (fmax(before, beyond) > margin) {
@@ -697,8 +749,25 @@ static bool judge_triangle(struct gn_ref_judge *judge, const struct gn_ref_ray *
             reason_set(out, "reports t = %.9g outside of the range [%.9g, %.9g]", t, (double)ray->tmin,
                        (double)ray->tmax);
 
-    double conditioned, rounding[3];
+    double conditioned, rounding[3], allowed[3];
     hit_error_of(&object, &view, t, b, c, &out->hit_error, &conditioned, rounding);
+    if (view_det_margin(&view) <= bound) {
+        /* As good as edge-on: no conditioning helps, the point itself has to lie on the ray and in the triangle. */
+        double size = 0, normal = sqrt(dot(view.normal, view.normal));
+        conditioned = out->hit_error;
+        for (int i = 0; i < 3; i++)
+            size += object.size_origin[i] + fabs(t) * object.size_direction[i] + view.size[0][i] + view.size[1][i] +
+                    view.size[2][i];
+        for (int corner = 0; corner < 3; corner++) {
+            double side[3];
+            for (int i = 0; i < 3; i++)
+                side[i] = view.corner[(corner + 2) % 3][i] - view.corner[(corner + 1) % 3][i];
+            allowed[corner] = bound * GN_UNIT * (1 + size * sqrt(dot(side, side)) / normal);
+        }
+    } else {
+        for (int corner = 0; corner < 3; corner++)
+            allowed[corner] = bound * (view.edge_change[corner] / fabs(view.det) + GN_UNIT * (1 + rounding[corner]));
+    }
     out->hit_bound = conditioned > 0 ? bound * (out->hit_error / conditioned) : bound;
     if (!(conditioned <= bound) && worsens(out, GN_REF_WRONG, 0))
         reason_set(out,
@@ -710,12 +779,10 @@ static bool judge_triangle(struct gn_ref_judge *judge, const struct gn_ref_ray *
     /* A barycentric outside of [0,1] is a point outside of the triangle. */
     double weights[3] = {1 - b - c, b, c};
     for (int corner = 0; corner < 3; corner++) {
-        double allowed =
-            bound * (view.edge_change[corner] / fabs(view.det) + GN_UNIT * (1 + rounding[corner]));
         double excess = fmax(-weights[corner], weights[corner] - 1);
-        if (excess > allowed && worsens(out, GN_REF_WRONG, 0))
+        if (excess > allowed[corner] && worsens(out, GN_REF_WRONG, 0))
             reason_set(out, "reports a barycentric of %.9g on triangle %u, outside of [0, 1] by more than %.3g",
-                       weights[corner], answer->primitive, allowed);
+                       weights[corner], answer->primitive, allowed[corner]);
     }
     return true;
 }
@@ -757,6 +824,8 @@ bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray 
                             struct gn_ref_verdict *out)
 {
     struct hits hits;
+    struct losses losses = {.judge = judge, .ray = ray, .policy = policy, .found = answer,
+                            .found_count = answer->kind != GN_REF_ANSWER_NONE};
     struct facts facts = {0};
     const struct gn_ref_hit *ideal = NULL; /* the exact answer's entry for the reported primitive */
     bool any_hit = ray->flags & GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
@@ -854,13 +923,14 @@ bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray 
                 continue;
             }
         }
-        if (!judge_loss(judge, ray, policy, hit, answer, answer->kind != GN_REF_ANSWER_NONE, out))
+        if (!judge_loss(&losses, hit, out))
             goto end;
         if (answer->kind == GN_REF_ANSWER_NONE && any_hit && out->cls == GN_REF_WRONG)
             break;
     }
     ok = true;
 end:
+    flood_finish(&losses.flood);
     hits_finish(&hits);
     return ok;
 }
@@ -883,11 +953,11 @@ static bool double_hit(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
     if (!mesh)
         return false;
     size_t start = gn_judge_mesh_find(mesh, answer->geometry, answer->primitive);
-    struct flood flood;
+    struct flood flood = {0};
     if (start == SIZE_MAX)
         return true;
-    bool covered = flood_covers(judge, ray, NULL, answer->instance, mesh, start, &flood);
-    for (size_t i = first + 1; covered && i < count; i++) {
+    bool ok = flood_fill(judge, ray, NULL, answer->instance, mesh, start, &flood);
+    for (size_t i = first + 1; ok && flood.covered && i < count; i++) {
         if (candidates[i].kind != GN_REF_ANSWER_TRIANGLE || candidates[i].instance != answer->instance ||
             (candidates[i].geometry == answer->geometry && candidates[i].primitive == answer->primitive))
             continue;
@@ -899,7 +969,7 @@ static bool double_hit(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
                        answer->primitive, candidates[i].primitive, answer->instance);
     }
     flood_finish(&flood);
-    return true;
+    return ok;
 }
 
 bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray *ray,
@@ -907,6 +977,7 @@ bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray
                              const struct gn_ref_answer *committed, struct gn_ref_verdict *out)
 {
     struct hits hits;
+    struct losses losses = {.judge = judge, .ray = ray, .found = candidates, .found_count = candidate_count};
     bool ok = false;
     memset(out, 0, sizeof *out);
     hits.list = hits.local;
@@ -968,13 +1039,14 @@ bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray
         bool presented = false;
         for (size_t j = 0; j < candidate_count && !presented; j++)
             presented = same_primitive(hit, &candidates[j]);
-        if (!presented && !judge_loss(judge, ray, NULL, hit, candidates, candidate_count, out))
+        if (!presented && !judge_loss(&losses, hit, out))
             goto end;
     }
     if (hits.count)
         out->ideal = hits.list[0];
     ok = true;
 end:
+    flood_finish(&losses.flood);
     hits_finish(&hits);
     return ok;
 }
