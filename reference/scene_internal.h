@@ -196,6 +196,10 @@ struct gn_ref_ray_setup {
 };
 void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *ray);
 
+/* Bit i of the result: child i is not certainly missed within [tmin, limit]; near[i] is where it is entered. */
+unsigned gn_ref_filter_node_f64(double near[GN_REF_NODE_WIDTH], const struct gn_ref_node *node,
+                                const struct gn_ref_ray_setup *setup, double tmin, double limit);
+
 /* The f64 filter's view of the four triangles of a block. Bit l of a mask is lane l. */
 struct gn_ref_filter {
     unsigned open; /* not certainly missed by the ray's line */

@@ -74,8 +74,11 @@ static bool ray_valid(const struct gn_ref_ray *ray)
 
 static bool trace_begin(struct trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
 {
-    if (!scene->committed || !ray_valid(ray))
+    gn_ref_environment_enter(&trace->environment);
+    if (!scene->committed || !ray_valid(ray)) {
+        gn_ref_environment_leave(&trace->environment);
         return false;
+    }
     trace->scene = scene;
     trace->closest = false;
     trace->found = trace->local;
@@ -86,7 +89,6 @@ static bool trace_begin(struct trace *trace, const struct gn_ref_scene *scene, c
     trace->filtered = trace->wide = trace->exact_count = 0;
     trace->integers_ready = false;
     trace->exact_ready = false;
-    gn_ref_environment_enter(&trace->environment);
     gn_ref_ray_prepare(&trace->setup, ray);
     return true;
 }
@@ -455,18 +457,26 @@ struct pending {
 };
 
 /*
- * See gn_ref_ray_prepare() for the bounds. The nearer end of the stay in a box is at least tmin >= 0, so that widening
- * its far end by the relative error of both (2 * 3u, here 32 u) is enough. Only what is certainly missed, or certainly
- * beyond the upper end of the best t so far, is skipped.
+ * The child's memory is asked for when it is put on the stack: it is needed soon, and scenes are larger than caches.
  */
+static void prefetch(const struct gn_ref_bvh *bvh, uint32_t child)
+{
+    if (child & GN_REF_LEAF_BIT) {
+        __builtin_prefetch(&bvh->leaves[child & ~GN_REF_LEAF_BIT]);
+        return;
+    }
+    const char *node = (const char *)&bvh->nodes[child];
+    for (size_t offset = 0; offset < sizeof(struct gn_ref_node); offset += 64)
+        __builtin_prefetch(node + offset);
+}
+
+/* Only what is certainly missed, or certainly beyond the upper end of the best t so far, is skipped. */
 static void traverse(struct trace *trace, bool triangles, bool boxes)
 {
-    enum { N = GN_REF_NODE_WIDTH };
     const struct gn_ref_bvh *bvh = &trace->scene->bvh;
-    const struct gn_ref_ray_setup *setup = &trace->setup;
     struct pending stack[GN_REF_MAX_DEPTH * GN_REF_NODE_WIDTH];
     size_t depth = 0;
-    double tmin = setup->ray->tmin;
+    double tmin = trace->setup.ray->tmin;
     if (bvh->node_count == 0)
         return;
     stack[depth++] = (struct pending){0, tmin};
@@ -479,27 +489,11 @@ static void traverse(struct trace *trace, bool triangles, bool boxes)
             continue;
         }
         const struct gn_ref_node *node = &bvh->nodes[top.child];
-        double near[N], far[N];
-        for (int i = 0; i < N; i++) {
-            near[i] = tmin;
-            far[i] = trace->limit;
-        }
-        for (int axis = 0; axis < 3; axis++) {
-            const float *first = setup->swap[axis] ? node->upper[axis] : node->lower[axis];
-            const float *last = setup->swap[axis] ? node->lower[axis] : node->upper[axis];
-            double origin = setup->origin[axis], scale = setup->scale[axis], bias = setup->bias[axis];
-            for (int i = 0; i < N; i++) {
-                double a = ((double)first[i] - origin) * scale - bias;
-                double b = ((double)last[i] - origin) * scale + bias;
-                near[i] = a > near[i] ? a : near[i];
-                far[i] = b < far[i] ? b : far[i];
-            }
-        }
+        double near[GN_REF_NODE_WIDTH];
         size_t base = depth;
-        for (int i = 0; i < N; i++) {
-            /* Negated so that a NaN, which cannot be, would be visited. */
-            if (node->child[i] == GN_REF_NONE || near[i] > far[i] * (1 + 0x1p-48))
-                continue;
+        for (unsigned met = gn_ref_filter_node_f64(near, node, &trace->setup, tmin, trace->limit); met; met &= met - 1) {
+            int i = __builtin_ctz(met);
+            prefetch(bvh, node->child[i]);
             /* Kept with the farthest first, so that the nearest is taken first. */
             size_t place = depth++;
             while (place > base && stack[place - 1].t < near[i]) {

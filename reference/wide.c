@@ -209,9 +209,16 @@ bool gn_ref_triangle_wide(struct gn_ref_lane *out, const struct gn_ref_scene *sc
         size = fmax(size, fabs(out->z[v]));
     }
     out->vertex_error = 0x1p-51 * size;
+    uint128 magnitudes = 0;
+    for (int v = 0; v < 3; v++)
+        magnitudes |= magnitude_128(x[v]) | magnitude_128(y[v]);
+    bool narrow = bits_128(magnitudes) <= MOST_BITS_64;
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
-        out->edge[i] = cross_2d(x[j], y[k], y[j], x[k]);
+        if (narrow)
+            out->edge[i] = (double)(x[j] * (int64_t)y[k] - y[j] * (int64_t)x[k]);
+        else
+            out->edge[i] = cross_2d(x[j], y[k], y[j], x[k]);
         out->edge_error[i] = 0x1p-51 * fabs(out->edge[i]);
     }
     return true;

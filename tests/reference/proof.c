@@ -158,7 +158,7 @@ static void piece_run(struct job *job, uint64_t piece, struct proof_counts *coun
     struct gn_ref_scene *own = NULL;
     struct oracle *oracle = shared_oracle;
     if (!job->shared) {
-        uint32_t triangles = 8 + rng_below(&rng, 1 + rng_below(&rng, job->family->most_triangles));
+        uint32_t triangles = 8 + rng_below(&rng, job->family->most_triangles - 7);
         if (rng_below(&rng, 16) == 0)
             triangles = 1 + rng_below(&rng, 8);
         job->family->make(&made, &rng, triangles);
