@@ -798,7 +798,7 @@ static void judge_copied(const struct gn_ref_answer *answer, const struct facts 
                    answer->instance, facts->instance->sbt_offset);
 }
 
-/* By how many units is `a` nearer than `b`? Positive when it is. */
+/* By how many units is `a` nearer than `b`? Positive when it is. False when `b` names no active triangle. */
 static bool nearer_margin(struct gn_ref_judge *judge, const struct gn_ref_ray *ray, const struct gn_ref_hit *a,
                           const struct gn_ref_answer *b, double b_t, double *out)
 {
@@ -902,6 +902,12 @@ bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray 
         }
     }
 
+    /* What was lost besides makes a wrong answer no worse, and one that names nothing has no place on the ray. */
+    if (out->cls == GN_REF_WRONG) {
+        ok = true;
+        goto end;
+    }
+
     /* Ideal hits nearer than the answer were lost, unless which is nearer is itself within the bound. */
     for (size_t i = 0; i < hits.count; i++) {
         const struct gn_ref_hit *hit = &hits.list[i];
@@ -925,8 +931,6 @@ bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray 
         }
         if (!judge_loss(&losses, hit, out))
             goto end;
-        if (answer->kind == GN_REF_ANSWER_NONE && any_hit && out->cls == GN_REF_WRONG)
-            break;
     }
     ok = true;
 end:
@@ -1029,9 +1033,7 @@ bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray
             double entry = hit->type == GN_REF_AABBS ? fmax(hit->t, (double)ray->tmin) : hit->t, margin;
             struct gn_ref_hit placed = *hit;
             placed.t = entry;
-            if (!nearer_margin(judge, ray, &placed, committed, (double)committed->t, &margin))
-                goto end;
-            if (margin <= bound)
+            if (!nearer_margin(judge, ray, &placed, committed, (double)committed->t, &margin) || margin <= bound)
                 continue;
         }
         if (ray->flags & GN_REF_RAY_TERMINATE_ON_FIRST_HIT && committed->kind != GN_REF_ANSWER_NONE)
