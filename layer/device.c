@@ -183,8 +183,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_SetDebugUtilsObjectNameEXT(VkDevice hand
 {
     struct gn_device *device = gn_device_of(handle);
     char *name = info->pObjectName && *info->pObjectName ? strdup(info->pObjectName) : NULL;
-    gn_lock(device); /* a device that is not tracked knows no objects */
-    char **slot = name_of(device, info->objectType, info->objectHandle);
+    gn_lock(device);
+    char **slot = !device->tracked ? NULL : name_of(device, info->objectType, info->objectHandle);
     if (slot) {
         char *old = *slot;
         *slot = name;

@@ -43,6 +43,9 @@ struct gn_log *gn_log_open(const char *path, char *problem, size_t problem_size)
     for (log = files; log; log = log->next)
         if (log->device == status.st_dev && log->inode == status.st_ino)
             break;
+    /* A file that was removed may have left its number to a new one. */
+    if (log && log->end > status.st_size)
+        log->end = status.st_size;
     if (log && log->references++ == 0) {
         log->fd = fd;
         fd = -1;

@@ -24,6 +24,9 @@ static VKAPI_ATTR VkBool32 VKAPI_CALL on_message(VkDebugUtilsMessageSeverityFlag
 {
     struct messages *messages = user;
     (void)types;
+    /* The loader tells much about its search for drivers. */
+    if (data->pMessageIdName && strcmp(data->pMessageIdName, "Loader Message") == 0)
+        return VK_FALSE;
     pthread_mutex_lock(&messages_lock);
     if (messages->count < sizeof messages->list / sizeof messages->list[0]) {
         struct message *message = &messages->list[messages->count];
