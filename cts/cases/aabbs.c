@@ -281,7 +281,7 @@ static const struct gn_case cases[] = {
     {"aabbs.with_triangles", SPEC_NEAREST, mixed, NULL, GN_REF_GEOMETRY_OPAQUE},
     {"aabbs.with_triangles_not_opaque", SPEC_NEAREST, mixed, NULL, 0},
     LIST("list", SPEC_CANDIDATE, .boxes = 200, .min_half = 0.02, .max_half = 0.2),
-    LIST("list_many", SPEC_CANDIDATE, .boxes = 20000, .min_half = 0.001, .max_half = 0.02),
+    LIST("list_many", SPEC_CANDIDATE, .boxes = 4000, .min_half = 0.002, .max_half = 0.05),
     LIST("list_flat", SPEC_CANDIDATE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .flat_axes = 1),
     LIST("list_lines", SPEC_CANDIDATE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .flat_axes = 6),
     LIST("list_inactive", SPEC_INACTIVE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .inactive = true),

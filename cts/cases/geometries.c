@@ -106,6 +106,6 @@ static const struct gn_case cases[] = {
     CASE("several_structures", SPEC_INDEX, .geometries = 5, .mix = FORMATS | TRANSFORMS | INDICES, .blases = 7),
     CASE("one_build_each", "structures may be built by one command or by several (Vulkan: vkCmdBuildAccelerationStructuresKHR)", .geometries = 3, .mix = TRANSFORMS, .blases = 5, .separate_builds = true),
     CASE("array_of_pointers", "geometries may come as an array of pointers (Vulkan: VkAccelerationStructureBuildGeometryInfoKHR::ppGeometries)", .geometries = 6, .mix = TRANSFORMS | FORMATS, .blases = 3, .array_of_pointers = true),
-    CASE("candidates", SPEC_INDEX, .geometries = 20, .mix = SIZES, .blases = 1, .program = GN_CTS_CANDIDATES),
+    CASE("candidates", SPEC_INDEX, .geometries = 8, .mix = SIZES, .blases = 1, .program = GN_CTS_CANDIDATES),
 };
 const struct gn_case_family gn_family_geometries = {"geometries", cases, sizeof cases / sizeof cases[0]};
