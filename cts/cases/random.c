@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Random scenes, one per seed: several structures of several geometries, instances with masks, flags and
- * transforms, rays with masks, flags and ranges. What no table of cases thought of is met here.
+ * Random scenes, one per number: several structures of several geometries, instances with masks, flags and
+ * transforms, rays with masks, flags and ranges. What no table of cases thought of is met here. Some ingredients
+ * come in cases of their own, so that an implementation that cannot take one still shows what it makes of the others.
  */
 #include <math.h>
 
@@ -9,6 +10,9 @@
 #include "cts/mesh_case.h"
 
 enum { MAX_BLASES = 4, MAX_GEOMETRIES = 4, MAX_INSTANCES = 24 };
+
+/* What a case adds to the plain mixture. */
+enum extra { PLAIN, VERTICES, INACTIVE, OFFSETS, DETAIL };
 
 struct part {
     struct gn_mesh mesh;
@@ -31,7 +35,7 @@ static bool chance(struct gn_random *random, double share)
     return gn_random_unit(random) < share;
 }
 
-static struct gn_mesh random_mesh(struct gn_case_run *run)
+static struct gn_mesh random_mesh(struct gn_case_run *run, enum extra extra)
 {
     struct gn_random *random = &run->random;
     uint32_t n = 1 + gn_random_below(random, 8);
@@ -49,7 +53,7 @@ static struct gn_mesh random_mesh(struct gn_case_run *run)
     };
     struct gn_mesh mesh =
         gn_mesh_of(&run->arena, random, &specs[gn_random_below(random, sizeof specs / sizeof specs[0])]);
-    if (chance(random, 0.15)) {
+    if (extra == INACTIVE && chance(random, 0.5)) {
         mesh = gn_mesh_unshared(&run->arena, &mesh);
         gn_mesh_deactivate(random, &mesh, gn_random_unit(random));
     }
@@ -68,7 +72,7 @@ static void random_transform(struct gn_random *random, double translation, float
     gn_transform_of(random, &spec, out);
 }
 
-static void random_blas(struct gn_case_run *run, struct world *world, uint32_t b)
+static void random_blas(struct gn_case_run *run, struct world *world, uint32_t b, enum extra extra)
 {
     static const VkBuildAccelerationStructureFlagsKHR build_flags[] = {
         0, VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR,
@@ -78,7 +82,7 @@ static void random_blas(struct gn_case_run *run, struct world *world, uint32_t b
     for (uint32_t g = 0; g < count; g++) {
         struct part *part = &world->parts[b][g];
         struct gn_cts_geometry *geometry = &world->geometries[b][g];
-        part->mesh = random_mesh(run);
+        part->mesh = random_mesh(run, extra);
         *geometry = gn_geometry_of_mesh(&part->mesh);
         if (chance(random, 0.4)) {
             random_transform(random, 1, part->transform);
@@ -87,7 +91,13 @@ static void random_blas(struct gn_case_run *run, struct world *world, uint32_t b
         geometry->flags = chance(random, 0.6) ? VK_GEOMETRY_OPAQUE_BIT_KHR : 0;
         geometry->index_uint32 = chance(random, 0.3);
         geometry->index_none = chance(random, 0.2);
-        geometry->first_vertex = geometry->index_none ? 0 : gn_random_below(random, 4);
+        if (extra == OFFSETS) {
+            geometry->first_vertex = gn_random_below(random, 4);
+            geometry->vertex_offset = 4 * gn_random_below(random, 8);
+            geometry->primitive_offset = 12 * gn_random_below(random, 4);
+            geometry->transform_offset = 16 * gn_random_below(random, 4);
+            geometry->vertex_stride = 12 + 4 * gn_random_below(random, 4);
+        }
     }
     world->blases[b].geometries = world->geometries[b];
     world->blases[b].geometry_count = count;
@@ -116,13 +126,13 @@ static void random_instance(struct gn_random *random, struct world *world, uint3
         instance->flags |= flags[2 + gn_random_below(random, 2)];
 }
 
-static struct world *random_world(struct gn_case_run *run)
+static struct world *random_world(struct gn_case_run *run, enum extra extra)
 {
     struct gn_random *random = &run->random;
     struct world *world = GN_NEW(&run->arena, struct world, 1);
     world->mesh_blases = 1 + gn_random_below(random, MAX_BLASES);
     for (uint32_t b = 0; b < world->mesh_blases; b++)
-        random_blas(run, world, b);
+        random_blas(run, world, b, extra);
     uint32_t count = 1 + gn_random_below(random, MAX_INSTANCES);
     for (uint32_t i = 0; i < count; i++)
         random_instance(random, world, i);
@@ -149,23 +159,22 @@ static struct world *random_world(struct gn_case_run *run)
     return world;
 }
 
-/* Aims one ray at the inside, an edge or a vertex of a random geometry of a random active instance. */
-static void aim_somewhere(struct gn_random *random, const struct world *world, uint32_t instance_count,
+/* Aims one ray at the inside, an edge or, if asked for, a vertex of a random geometry of a random instance. */
+static void aim_somewhere(struct gn_random *random, const struct world *world, enum extra extra,
                           struct gn_cts_ray *ray)
 {
     const struct gn_cts_instance *at;
     do
-        at = &world->instances[gn_random_below(random, instance_count)];
+        at = &world->instances[gn_random_below(random, world->scene.instance_count)];
     while (at->blas >= world->mesh_blases);
     uint32_t g = gn_random_below(random, world->blases[at->blas].geometry_count);
     struct gn_aim_options options = {0};
     options.geometry_transform = world->geometries[at->blas][g].transform;
     options.instance_transform = at->transform;
     double kind = gn_random_unit(random);
-    options.aim = kind < 0.8    ? GN_AIM_INTERIOR
-                  : kind < 0.87 ? GN_AIM_EDGE
-                  : kind < 0.92 ? GN_AIM_VERTEX
-                                : GN_AIM_RANDOM;
+    options.aim = kind < 0.8   ? GN_AIM_INTERIOR
+                  : kind < 0.9 ? (extra == VERTICES ? GN_AIM_VERTEX : GN_AIM_EDGE)
+                               : GN_AIM_RANDOM;
     options.distance = ldexp(1, (int)gn_random_below(random, 6) - 1);
     options.both_sides = true;
     options.direction_scale = ldexp(1, (int)gn_random_below(random, 9) - 4);
@@ -200,29 +209,36 @@ static void vary(struct gn_random *random, struct gn_cts_ray *ray)
     }
 }
 
-/* `value` is the seed's number: it has no other use than to tell the cases apart. */
+/* `value` is what to add. The name alone makes one scene different from another: it goes into the seed. */
 static void random_scene(struct gn_case_run *run, const struct gn_case *self)
 {
     struct gn_random *random = &run->random;
-    struct world *world = random_world(run);
+    struct world *world = random_world(run, (enum extra)self->value);
     uint32_t count = gn_ray_count(run, 16384), ladder = world->boxes ? count / 4 : 0;
     struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
     if (ladder)
         gn_ladder_rays(random, world->boxes, world->box_count, true, rays, ladder);
     for (uint32_t i = ladder; i < count; i++) {
-        aim_somewhere(random, world, world->scene.instance_count, &rays[i]);
+        aim_somewhere(random, world, (enum extra)self->value, &rays[i]);
         vary(random, &rays[i]);
     }
     gn_rays_shuffle(random, rays, count);
-    gn_case_trace(run, &world->scene, self->value % 4 == 3 ? GN_CTS_DETAIL : GN_CTS_COMMITTED, rays, count, 0);
+    gn_case_trace(run, &world->scene, self->value == DETAIL ? GN_CTS_DETAIL : GN_CTS_COMMITTED, rays, count, 0);
 }
 
-#define SCENE(number) \
-    {"random.scene_" #number, "any scene of meshes, instances, masks and flags (ray traversal)", random_scene, NULL, number}
+#define SPEC "any scene of meshes, instances, masks and flags (ray traversal)"
+#define SCENE(name, extra) {"random." name, SPEC, random_scene, NULL, extra}
 
 static const struct gn_case cases[] = {
-    SCENE(1),  SCENE(2),  SCENE(3),  SCENE(4),  SCENE(5),  SCENE(6),  SCENE(7),  SCENE(8),  SCENE(9),  SCENE(10),
-    SCENE(11), SCENE(12), SCENE(13), SCENE(14), SCENE(15), SCENE(16), SCENE(17), SCENE(18), SCENE(19), SCENE(20),
-    SCENE(21), SCENE(22), SCENE(23), SCENE(24), SCENE(25), SCENE(26), SCENE(27), SCENE(28), SCENE(29), SCENE(30),
+    SCENE("scene_1", PLAIN),     SCENE("scene_2", PLAIN),     SCENE("scene_3", PLAIN),     SCENE("scene_4", PLAIN),
+    SCENE("scene_5", PLAIN),     SCENE("scene_6", PLAIN),     SCENE("scene_7", PLAIN),     SCENE("scene_8", PLAIN),
+    SCENE("scene_9", PLAIN),     SCENE("scene_10", PLAIN),    SCENE("scene_11", PLAIN),    SCENE("scene_12", PLAIN),
+    SCENE("scene_13", PLAIN),    SCENE("scene_14", PLAIN),    SCENE("scene_15", PLAIN),    SCENE("scene_16", PLAIN),
+    SCENE("scene_17", PLAIN),    SCENE("scene_18", PLAIN),    SCENE("scene_19", PLAIN),    SCENE("scene_20", PLAIN),
+    SCENE("scene_21", PLAIN),    SCENE("scene_22", PLAIN),    SCENE("scene_23", PLAIN),    SCENE("scene_24", PLAIN),
+    SCENE("vertices_1", VERTICES), SCENE("vertices_2", VERTICES), SCENE("vertices_3", VERTICES),
+    SCENE("detail_1", DETAIL),   SCENE("detail_2", DETAIL),   SCENE("detail_3", DETAIL),   SCENE("inactive_1", INACTIVE),
+    SCENE("inactive_2", INACTIVE), SCENE("inactive_3", INACTIVE), SCENE("offsets_1", OFFSETS), SCENE("offsets_2", OFFSETS),
+    SCENE("offsets_3", OFFSETS),
 };
 const struct gn_case_family gn_family_random = {"random", cases, sizeof cases / sizeof cases[0]};

@@ -66,7 +66,7 @@ static const struct transforms general_confirmed = {
     .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4), .count = 12, .interior = 12000,
     .random = 2000, .not_opaque = true};
 static const struct transforms dyadic = {
-    .instance = {.kind = GN_TRANSFORM_DYADIC}, .count = 8, .interior = 16000, .random = 2000, .program = GN_CTS_DETAIL};
+    .instance = {.kind = GN_TRANSFORM_DYADIC}, .count = 8, .interior = 16000, .random = 2000};
 static const struct transforms dyadic_mirrored = {.instance = {.kind = GN_TRANSFORM_DYADIC, .mirrored = true}, .count = 8,
     .interior = 16000, .random = 2000};
 static const struct transforms small = {.instance = RANDOM(.min_scale = 0.001, .max_scale = 0.001, .translation = 0.01),
@@ -110,6 +110,10 @@ static const struct transforms undone = {.geometry = RANDOM(.min_scale = 1000, .
     .random = 2000};
 static const struct transforms many = {.instance = GENERAL(.min_scale = 0.3, .max_scale = 1, .shear = 0.5, .translation = 15),
     .count = 500, .interior = 20000, .random = 2000};
+static const struct transforms detail_dyadic = {
+    .instance = {.kind = GN_TRANSFORM_DYADIC}, .count = 30, .interior = 8000, .program = GN_CTS_DETAIL};
+static const struct transforms detail_rotated = {
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2), .count = 8, .interior = 8000, .program = GN_CTS_DETAIL};
 static const struct transforms detail_general = {
     .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4), .count = 30, .interior = 16000,
     .random = 4000, .program = GN_CTS_DETAIL};
@@ -138,7 +142,7 @@ static const struct gn_case cases[] = {
     {"transforms.sheared", INSTANCE, transforms, &sheared, 0},
     {"transforms.general", INSTANCE, transforms, &general, 0},
     {"transforms.general_confirmed", INSTANCE, transforms, &general_confirmed, 0},
-    {"transforms.dyadic", DETAIL, transforms, &dyadic, 0},
+    {"transforms.dyadic", INSTANCE, transforms, &dyadic, 0},
     {"transforms.dyadic_mirrored", FACING, transforms, &dyadic_mirrored, 0},
     {"transforms.scaled.0_001", INSTANCE, transforms, &small, 0},
     {"transforms.scaled.1000", INSTANCE, transforms, &large, 0},
@@ -156,6 +160,8 @@ static const struct gn_case cases[] = {
     {"transforms.both.geometry_mirrored", FACING, transforms, &geometry_mirrored_instance_not, 0},
     {"transforms.both.instance_mirrored", FACING, transforms, &instance_mirrored_geometry_not, 0},
     {"transforms.both.scale_undone", BOTH, transforms, &undone, 0},
+    {"transforms.detail.rotated", DETAIL, transforms, &detail_rotated, 0},
+    {"transforms.detail.dyadic", DETAIL, transforms, &detail_dyadic, 0},
     {"transforms.detail.general", DETAIL, transforms, &detail_general, 0},
     {"transforms.detail.mirrored", DETAIL, transforms, &detail_mirrored, 0},
     {"transforms.detail.stretched", DETAIL, transforms, &detail_stretched, 0},
