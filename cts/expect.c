@@ -82,6 +82,8 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
         snprintf(out_error, error_size, "%s: expected text, found a zero byte", path);
         ok = false;
     }
+    for (char *at = data; (at = strstr(at, "\r\n"));)
+        *at = ' ';
     gn_text_clean(data);
     for (char *at = data; ok && *at; number++) {
         char *end = strchr(at, '\n');

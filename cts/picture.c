@@ -13,15 +13,16 @@
 /* A picture's last row may have fewer rays than it is wide; the rest is this, and transparent. */
 #define NO_RAY 0xFF
 
-/* Apart for the colour-blind in hue and in lightness (after Okabe and Ito); misses are the darker of each pair. */
+/* The worse, the darker, so that hue is not needed to tell them apart and a single bad ray shows among good ones;
+ * of each pair the darker is where the ray ideally misses. */
 uint32_t gn_picture_colour(uint8_t value)
 {
     static const uint32_t hit[GN_REF_VERDICT_CLASS_COUNT] = {
-        [GN_REF_EXACT] = 0xD4DAE0, [GN_REF_ADMISSIBLE] = 0x56B4E9, [GN_REF_GAP] = 0xF0E442,
-        [GN_REF_LEAK] = 0xE69F00,  [GN_REF_DOUBLE_HIT] = 0xCC79A7, [GN_REF_WRONG] = 0xD00000};
+        [GN_REF_EXACT] = 0xDDE2E7, [GN_REF_ADMISSIBLE] = 0x7CC4EE, [GN_REF_GAP] = 0xF0E442,
+        [GN_REF_LEAK] = 0xE66100,  [GN_REF_DOUBLE_HIT] = 0xB04FB0, [GN_REF_WRONG] = 0x9E0000};
     static const uint32_t miss[GN_REF_VERDICT_CLASS_COUNT] = {
-        [GN_REF_EXACT] = 0x5A6470, [GN_REF_ADMISSIBLE] = 0x0072B2, [GN_REF_GAP] = 0xA89F10,
-        [GN_REF_LEAK] = 0xA36F00,  [GN_REF_DOUBLE_HIT] = 0x9A4C78, [GN_REF_WRONG] = 0x8A0000};
+        [GN_REF_EXACT] = 0xAEB8C1, [GN_REF_ADMISSIBLE] = 0x3A97CC, [GN_REF_GAP] = 0xC9BC1E,
+        [GN_REF_LEAK] = 0xB34700,  [GN_REF_DOUBLE_HIT] = 0x7E2F80, [GN_REF_WRONG] = 0x4A0000};
     uint8_t cls = value & 0x7F;
     if (cls >= GN_REF_VERDICT_CLASS_COUNT)
         return 0xFF00FF;

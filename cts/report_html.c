@@ -32,7 +32,9 @@ static const char *share(uint64_t part, uint64_t whole)
     static unsigned next;
     char *out = buffers[next++ % 4];
     double percent = whole ? 100 * (double)part / (double)whole : 0;
-    if (part == 0)
+    if (whole == 0)
+        snprintf(out, 32, "-");
+    else if (part == 0)
         snprintf(out, 32, "0 %%");
     else if (part == whole)
         snprintf(out, 32, "100 %%");
@@ -107,12 +109,16 @@ static void put_head(FILE *file, const struct gn_results *results)
     text(file, run->version);
     fputs("</dd></dl>\n<div class=tiles>\n", file);
 
-    uint64_t crashed = totals.by_status[GN_CASE_CRASH] + totals.by_status[GN_CASE_TIMEOUT] +
-                       totals.by_status[GN_CASE_ERROR];
+    uint64_t counting[GN_CASE_STATUS_COUNT] = {0};
+    for (size_t i = 0; i < results->count; i++)
+        counting[results->cases[i].status] += results->cases[i].outcome == GN_OUTCOME_UNEXPECTED;
+    uint64_t crashed = counting[GN_CASE_CRASH] + counting[GN_CASE_TIMEOUT] + counting[GN_CASE_ERROR];
     put_tile(file, "", grouped(totals.by_status[GN_CASE_PASS]), "cases passed");
-    put_tile(file, totals.by_status[GN_CASE_FAIL] ? "no" : "", grouped(totals.by_status[GN_CASE_FAIL]), "failed");
-    put_tile(file, totals.by_status[GN_CASE_LEAK] ? "no" : "", grouped(totals.by_status[GN_CASE_LEAK]), "leaked");
+    put_tile(file, counting[GN_CASE_FAIL] ? "no" : "", grouped(counting[GN_CASE_FAIL]), "failed");
+    put_tile(file, counting[GN_CASE_LEAK] ? "no" : "", grouped(counting[GN_CASE_LEAK]), "leaked");
     put_tile(file, crashed ? "no" : "", grouped(crashed), "crashed, stuck or in error");
+    if (totals.unexpected_passes)
+        put_tile(file, "no", grouped(totals.unexpected_passes), "passed unexpectedly");
     put_tile(file, "", grouped(totals.by_status[GN_CASE_SKIP]), "skipped");
     if (totals.expected_failures)
         put_tile(file, "meh", grouped(totals.expected_failures), "failed as expected");
@@ -241,15 +247,18 @@ static void put_answers(FILE *file, const struct gn_case_offender *offender)
     fputs("</tbody></table>\n", file);
 }
 
-static void put_offender(FILE *file, const struct gn_case_offender *offender)
+static void put_offender(FILE *file, const struct gn_case_offender *offender, const char *message)
 {
     const struct gn_ref_ray *ray = &offender->ray.ray;
     const struct gn_ref_verdict *verdict = &offender->verdict;
     char flags[256];
-    fprintf(file, "<p><b>The worst ray</b>, number %u of trace %u: ", offender->ray_index, offender->trace);
-    text(file, gn_ref_verdict_class_name(verdict->cls));
-    fputs(", ", file);
-    text(file, verdict->reason[0] ? verdict->reason : "no reason given");
+    fprintf(file, "<p><b>The worst ray</b>, number %u of trace %u: %s", offender->ray_index, offender->trace,
+            gn_ref_verdict_class_name(verdict->cls));
+    /* Mostly the message has it already. */
+    if (verdict->reason[0] && !strstr(message, verdict->reason)) {
+        fputs(", ", file);
+        text(file, verdict->reason);
+    }
     fputs("</p>\n", file);
     put_answers(file, offender);
     fprintf(file,
@@ -290,6 +299,20 @@ static void put_picture(FILE *file, const struct gn_results_case *cs, const char
     fputs("</figure>\n", file);
 }
 
+/* The first clause of a message: what a folded case shows. */
+static void put_beginning(FILE *file, const char *message)
+{
+    char beginning[160];
+    size_t length = strcspn(message, ";\n");
+    if (length >= sizeof beginning)
+        length = 140;
+    /* Not in the middle of a character. */
+    while (length && ((unsigned char)message[length] & 0xC0) == 0x80)
+        length--;
+    snprintf(beginning, sizeof beginning, "%.*s", (int)length, message);
+    text(file, beginning);
+}
+
 static void put_case(FILE *file, const struct gn_results *results, const struct gn_results_case *cs,
                      const char *folder, bool open)
 {
@@ -301,7 +324,9 @@ static void put_case(FILE *file, const struct gn_results *results, const struct 
     put_badge(file, cs);
     fputs("<h3>", file);
     text(file, cs->name);
-    fprintf(file, "</h3></summary>\n<div class=\"body%s\">\n", picture ? " pic" : "");
+    fputs("</h3><span class=\"soft small\">", file);
+    put_beginning(file, cs->message);
+    fprintf(file, "</span></summary>\n<div class=\"body%s\">\n", picture ? " pic" : "");
     if (picture)
         put_picture(file, cs, folder);
     fputs("<div>", file);
@@ -335,7 +360,7 @@ static void put_case(FILE *file, const struct gn_results *results, const struct 
         fputs(".</p>\n", file);
     }
     if (cs->has_offender)
-        put_offender(file, &cs->offender);
+        put_offender(file, &cs->offender, cs->message);
     if (cs->output[0]) {
         fputs("<details><summary class=small>What the driver printed, its end</summary><pre>", file);
         text(file, cs->output);
@@ -357,21 +382,25 @@ static void put_case(FILE *file, const struct gn_results *results, const struct 
 static void put_cases_of(FILE *file, const struct gn_results *results, const char *folder, const char *title,
                          const char *introduction, enum gn_results_outcome outcome, size_t most_open)
 {
+    /* What is worst first. */
+    static const enum gn_case_status order[] = {GN_CASE_CRASH, GN_CASE_TIMEOUT, GN_CASE_ERROR, GN_CASE_FAIL,
+                                                GN_CASE_LEAK,  GN_CASE_PASS,    GN_CASE_SKIP};
     size_t total = 0, n = 0;
     for (size_t i = 0; i < results->count; i++)
         total += results->cases[i].outcome == outcome;
     if (!total)
         return;
     fprintf(file, "<h2>%s (%zu)</h2>\n<p>%s</p>\n", title, total, introduction);
-    for (size_t i = 0; i < results->count; i++)
-        if (results->cases[i].outcome == outcome)
-            put_case(file, results, &results->cases[i], folder, n++ < most_open);
+    for (size_t s = 0; s < sizeof order / sizeof order[0]; s++)
+        for (size_t i = 0; i < results->count; i++)
+            if (results->cases[i].outcome == outcome && results->cases[i].status == order[s])
+                put_case(file, results, &results->cases[i], folder, n++ < most_open);
 }
 
 static void put_failures(FILE *file, const struct gn_results *results, const char *folder)
 {
     put_cases_of(file, results, folder, "Failures",
-                 "Each with the worst of its rays. The picture shows which rays of the case went wrong.",
+                 "What is worst first, each with the worst of its rays. The picture shows which rays of the case went wrong.",
                  GN_OUTCOME_UNEXPECTED, MOST_OPEN);
     put_cases_of(file, results, folder, "Unexpected passes",
                  "An expectation file says that these fail. They passed: take them out of the file.",

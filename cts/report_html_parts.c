@@ -177,10 +177,14 @@ bool gn_html_picture(FILE *file, const char *folder, const struct gn_results_cas
     snprintf(path, sizeof path, "%s/%s", folder, cs->picture);
     if (!gn_file_read(path, 16 << 20, &data, &length, error, sizeof error))
         return false;
-    uint32_t factor = cs->picture_width < 320 ? 320 / cs->picture_width : 1;
-    if (cs->picture_height && factor > 1 && factor * cs->picture_height > 480)
-        factor = 480 / cs->picture_height > 1 ? 480 / cs->picture_height : 1;
-    uint32_t width = cs->picture_width * factor < 480 ? cs->picture_width * factor : 480;
+    /* A whole factor keeps every ray's square the same size. A reduced picture has its own width. */
+    uint32_t least = 340, longest = cs->picture_width > cs->picture_height ? cs->picture_width : cs->picture_height;
+    uint32_t factor = longest && longest < least ? (least + longest - 1) / longest : 1;
+    if (factor > 32)
+        factor = 32;
+    uint32_t width = cs->picture_width * factor;
+    if (width > 480)
+        width = 480;
     fprintf(file, "<img width=%u alt=\"one pixel per ray, coloured by verdict\" src=\"data:image/png;base64,", width);
     put_base64(file, (const unsigned char *)data, length);
     fputs("\">", file);

@@ -1,0 +1,225 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Filters, shards, drivers by name, expectation files. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include "cts/select.h"
+
+static void patterns(void **state)
+{
+    static const struct {
+        const char *pattern, *name;
+        bool matches;
+    } rows[] = {
+        {"query.flags.cull_back", "query.flags.cull_back", true},
+        {"query.flags.cull_back", "query.flags.cull_back_2", false}, /* a name is not a beginning */
+        {"query.flags", "query.flags.cull_back", false},
+        {"query.flags.*", "query.flags.cull_back", true},
+        {"query.flags.*", "query.flagship.x", false}, /* the dot is a dot */
+        {"*", "query.x", true},
+        {"*", "", true},
+        {"", "", true},
+        {"", "x", false},
+        {"*back*", "query.flags.cull_back", true},
+        {"*a*a*a", "banana", true},
+        {"*a*a*a*a", "banana", false},
+        {"query.*.two", "query.one.one.two", true}, /* a star crosses dots */
+        {"a**b", "ab", true},
+        {"?", "x", false}, /* only the star is special */
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        if (gn_pattern_matches(rows[i].pattern, rows[i].name) != rows[i].matches)
+            fail_msg("'%s' against '%s': expected %d", rows[i].pattern, rows[i].name, rows[i].matches);
+    }
+}
+
+static void selection(void **state)
+{
+    struct gn_arena arena = {0};
+    char error[600];
+    size_t count = 0;
+    (void)state;
+    struct gn_selected *all = gn_catalogue(&arena, &count), *some = gn_catalogue(&arena, &count);
+    assert_true(count >= 1);
+    assert_non_null(gn_catalogue_find(all, count, "query.smoke.quad"));
+    assert_null(gn_catalogue_find(all, count, "smoke.quad"));
+
+    const char *twice[] = {"query.smoke.*", "*.quad"};
+    size_t kept = gn_select(some, count, twice, 2, 1, 1, error, sizeof error);
+    assert_true(kept >= 1 && kept < count);
+    assert_string_equal(some[0].self->name + 0, strchr(some[0].name, '.') + 1);
+    free(some);
+
+    /* Each case is in one shard, whatever the number of shards. */
+    for (uint32_t shards = 2; shards <= 5; shards++) {
+        size_t total = 0;
+        for (uint32_t shard = 1; shard <= shards; shard++) {
+            some = gn_catalogue(&arena, &count);
+            total += gn_select(some, count, NULL, 0, shard, shards, error, sizeof error);
+            free(some);
+        }
+        assert_int_equal(total, count);
+    }
+
+    static const struct {
+        const char *filter, *said;
+    } typos[] = {{"smoke.quad", "did you mean 'query.smoke.quad'"},
+                 {"query.smoke", "did you mean 'query.smoke.*'"},
+                 {"query.smoke.quat", "did you mean 'query.smoke.quad'"},
+                 {"zzzzzzzzzzzzzzzzzzzzzzzzzzzzz", "--list"}};
+    for (size_t i = 0; i < sizeof typos / sizeof typos[0]; i++) {
+        some = gn_catalogue(&arena, &count);
+        assert_true(gn_select(some, count, &typos[i].filter, 1, 1, 1, error, sizeof error) == SIZE_MAX);
+        if (!strstr(error, typos[i].said))
+            fail_msg("'%s': expected '%s', found '%s'", typos[i].filter, typos[i].said, error);
+        free(some);
+    }
+    free(all);
+    gn_arena_finish(&arena);
+}
+
+static const char *write_temporary(const char *content)
+{
+    static char path[64];
+    strcpy(path, "/tmp/gnomon-expect-XXXXXX");
+    int fd = mkstemp(path);
+    assert_true(fd >= 0);
+    assert_int_equal(write(fd, content, strlen(content)), (ssize_t)strlen(content));
+    close(fd);
+    return path;
+}
+
+static void expectation_files(void **state)
+{
+    static const struct {
+        const char *content;
+        const char *error; /* NULL: it is read */
+        size_t count;
+        const char *reason; /* of the last entry */
+    } rows[] = {
+        {"", NULL, 0, NULL},
+        {"\n\n# only words\n", NULL, 0, NULL},
+        {"query.a.b,Fail\n", NULL, 1, ""},
+        {"query.a.b,Fail", NULL, 1, ""}, /* no newline at the end */
+        {"  query.a.b , Crash \r\n", NULL, 1, ""},
+        {"# wrong at edges\n# of slivers\nquery.a.b,Fail\n", NULL, 1, "wrong at edges of slivers"},
+        {"# stale\n\nquery.a.b,Fail\n", NULL, 1, ""}, /* an empty line parts a comment from what follows */
+        {"# both\nquery.a.b,Fail\nquery.a.c,Timeout\n", NULL, 2, "both"},
+        {"# one\nquery.a.b,Fail\n# two\nquery.a.c,Fail\n", NULL, 2, "two"},
+        {"query.a.b,Fail # behind\n", NULL, 1, "behind"},
+        {"query.a.b\n", ":1: expected `name,Status`", 0, NULL},
+        {"query.a.b,Pass\nquery.a.c,Leak\n", ":2: expected a name and one of", 0, NULL}, /* a leak is written Fail */
+        {"query.a.b,fail\n", "found 'query.a.b' and 'fail'", 0, NULL},
+        {",Fail\n", ":1: expected a name", 0, NULL},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct gn_arena arena = {0};
+        struct gn_expectations expectations = {0};
+        char error[600] = "";
+        const char *path = write_temporary(rows[i].content);
+        bool ok = gn_expectations_read(&expectations, path, &arena, error, sizeof error);
+        unlink(path);
+        if (rows[i].error) {
+            if (ok || !strstr(error, rows[i].error))
+                fail_msg("row %zu: expected '%s', found '%s'", i, rows[i].error, error);
+        } else {
+            if (!ok || expectations.count != rows[i].count)
+                fail_msg("row %zu: expected %zu entries, found %zu, '%s'", i, rows[i].count, expectations.count, error);
+            if (rows[i].count && strcmp(expectations.list[rows[i].count - 1].reason, rows[i].reason) != 0)
+                fail_msg("row %zu: expected the reason '%s', found '%s'", i, rows[i].reason,
+                         expectations.list[rows[i].count - 1].reason);
+        }
+        gn_expectations_finish(&expectations);
+        gn_arena_finish(&arena);
+    }
+    struct gn_arena arena = {0};
+    struct gn_expectations expectations = {0};
+    char error[600];
+    assert_false(gn_expectations_read(&expectations, "/nowhere/at/all", &arena, error, sizeof error));
+    assert_non_null(strstr(error, "/nowhere/at/all"));
+    gn_arena_finish(&arena);
+}
+
+static void outcomes(void **state)
+{
+    static const struct {
+        const char *expected; /* NULL: no entry */
+        enum gn_case_status status;
+        enum gn_results_outcome outcome;
+    } rows[] = {
+        {NULL, GN_CASE_PASS, GN_OUTCOME_AS_EXPECTED},
+        {NULL, GN_CASE_SKIP, GN_OUTCOME_AS_EXPECTED},
+        {NULL, GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
+        {NULL, GN_CASE_LEAK, GN_OUTCOME_UNEXPECTED},
+        {NULL, GN_CASE_ERROR, GN_OUTCOME_UNEXPECTED},
+        {"Fail", GN_CASE_FAIL, GN_OUTCOME_EXPECTED_FAILURE},
+        {"Fail", GN_CASE_LEAK, GN_OUTCOME_EXPECTED_FAILURE},
+        {"Fail", GN_CASE_CRASH, GN_OUTCOME_UNEXPECTED}, /* worse than expected */
+        {"Fail", GN_CASE_TIMEOUT, GN_OUTCOME_UNEXPECTED},
+        {"Fail", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
+        {"Fail", GN_CASE_SKIP, GN_OUTCOME_AS_EXPECTED}, /* nothing was learnt */
+        {"Crash", GN_CASE_CRASH, GN_OUTCOME_EXPECTED_FAILURE},
+        {"Crash", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
+        {"Timeout", GN_CASE_TIMEOUT, GN_OUTCOME_EXPECTED_FAILURE},
+        {"Pass", GN_CASE_PASS, GN_OUTCOME_AS_EXPECTED},
+        {"Pass", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct gn_expectation entry = {"query.a.b", rows[i].expected, "why", "f:1"};
+        struct gn_expectations expectations = {&entry, rows[i].expected ? 1 : 0};
+        struct gn_results_case cs = {.name = "query.a.b", .status = rows[i].status};
+        gn_expectations_apply(&expectations, &cs);
+        if (cs.outcome != rows[i].outcome)
+            fail_msg("expected %s, status %s: outcome %d, should be %d", rows[i].expected ? rows[i].expected : "nothing",
+                     gn_case_status_name(rows[i].status), cs.outcome, rows[i].outcome);
+    }
+}
+
+static void drivers(void **state)
+{
+    struct gn_arena arena = {0};
+    char error[600];
+    (void)state;
+    assert_null(gn_driver_resolve("nvidia", &arena, error, sizeof error));
+    assert_non_null(strstr(error, "no driver is named 'nvidia'"));
+    assert_null(gn_driver_resolve("/nowhere/icd.json", &arena, error, sizeof error));
+    assert_non_null(strstr(error, "/nowhere/icd.json: No such file"));
+    assert_null(gn_driver_resolve("/tmp/", &arena, error, sizeof error)); /* a folder */
+    const char *path = write_temporary("{\"ICD\": {\"api_version\": \"1.3\"}}"); /* no library */
+    assert_null(gn_driver_resolve(path, &arena, error, sizeof error));
+    assert_non_null(strstr(error, "is not a Vulkan driver's ICD file"));
+    unlink(path);
+    path = write_temporary("{\"ICD\": {\"library_path\": \"libx.so\"}}");
+    const char *resolved = gn_driver_resolve(path, &arena, error, sizeof error);
+    assert_non_null(resolved);
+    assert_int_equal(resolved[0], '/');
+    unlink(path);
+    setenv("GNOMON_LAVAPIPE_ICD", "/nowhere/lvp.json", 1);
+    assert_null(gn_driver_resolve("lavapipe", &arena, error, sizeof error));
+    assert_non_null(strstr(error, "/nowhere/lvp.json"));
+    unsetenv("GNOMON_LAVAPIPE_ICD");
+    setenv("VK_DRIVER_FILES", "/some/icd.json", 1);
+    assert_string_equal(gn_driver_resolve(NULL, &arena, error, sizeof error), "");
+    unsetenv("VK_DRIVER_FILES");
+    gn_arena_finish(&arena);
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(patterns), cmocka_unit_test(selection), cmocka_unit_test(expectation_files),
+        cmocka_unit_test(outcomes), cmocka_unit_test(drivers),
+    };
+    return cmocka_run_group_tests(tests, NULL, NULL);
+}
