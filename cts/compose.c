@@ -36,7 +36,8 @@ void gn_instance_place(struct gn_cts_instance *instance, double x, double y, dou
 
 void gn_transform_scale(double sx, double sy, double sz, double x, double y, double z, float out[12])
 {
-    const float transform[12] = {(float)sx, 0, 0, (float)x, 0, (float)sy, 0, (float)y, 0, 0, (float)sz, (float)z};
+    const float transform[12] = {(float)sx, 0,        0, (float)x, 0,         (float)sy,
+                                 0,         (float)y, 0, 0,        (float)sz, (float)z};
     memcpy(out, transform, sizeof transform);
 }
 
@@ -80,7 +81,8 @@ static uint32_t geometry_primitive_count(const struct gn_cts_geometry *geometry)
     return geometry->type == GN_REF_TRIANGLES ? geometry->triangle_count : geometry->aabb_count;
 }
 
-static struct target *targets_make(struct gn_case_run *run, const struct gn_cts_scene *scene, uint32_t *out_count)
+static struct target *targets_make(struct gn_case_run *run, const struct gn_cts_scene *scene,
+                                   uint32_t *out_count)
 {
     uint32_t capacity = 0, count = 0;
     for (uint32_t i = 0; i < scene->instance_count; i++)
@@ -114,8 +116,8 @@ static struct target *targets_make(struct gn_case_run *run, const struct gn_cts_
 
 /* A point inside the primitive and the direction its front looks at, in world space; false if inactive or
  * without area. */
-static bool target_point(struct gn_random *random, const struct target *target, uint32_t primitive, double out[3],
-                         double out_normal[3])
+static bool target_point(struct gn_random *random, const struct target *target, uint32_t primitive,
+                         double out[3], double out_normal[3])
 {
     if (target->geometry->type == GN_REF_AABBS) {
         const float *box = target->geometry->aabbs[primitive];
@@ -161,8 +163,8 @@ static bool target_point(struct gn_random *random, const struct target *target, 
     return true;
 }
 
-void gn_rays_at_scene(struct gn_case_run *run, const struct gn_cts_scene *scene, double distance, bool both_sides,
-                      struct gn_cts_ray *rays, uint32_t count)
+void gn_rays_at_scene(struct gn_case_run *run, const struct gn_cts_scene *scene, double distance,
+                      bool both_sides, struct gn_cts_ray *rays, uint32_t count)
 {
     struct gn_random *random = &run->random;
     uint32_t target_count;
@@ -215,7 +217,8 @@ void gn_rays_through(struct gn_random *random, double bottom, double top, double
     }
 }
 
-const float (*gn_ladder_make(struct gn_arena *arena, struct gn_random *random, uint32_t rungs, double thickness))[6]
+const float (*gn_ladder_make(struct gn_arena *arena, struct gn_random *random, uint32_t rungs,
+                             double thickness))[6]
 {
     float(*boxes)[6] = gn_arena_alloc(arena, rungs, sizeof *boxes);
     for (uint32_t i = 0; i < rungs; i++) {

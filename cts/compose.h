@@ -24,13 +24,14 @@ struct gn_cts_scene gn_scene_placed(struct gn_case_run *run, const struct gn_cts
 /*
  * Rays aimed at the inside of triangles (or boxes) of the scene: every pair of an active instance and a
  * geometry that has primitives is as likely as any other, and the first and the last primitive of a geometry
- * more likely than the ones between. The origin is at half to one and a half times `distance` from the target,
- * off the triangle's plane by more than 10 degrees, on the side from which it is wound counter-clockwise or, with
- * `both_sides`, on either. Directions are of unit length or scaled by a power of two. Inactive primitives are
- * not aimed at. tmin 0, tmax 1000, mask 0xFF, no flags; every triangle is confirmed, no hit generated.
+ * more likely than the ones between. The origin is at half to one and a half times `distance` from the
+ * target, off the triangle's plane by more than 10 degrees, on the side from which it is wound
+ * counter-clockwise or, with `both_sides`, on either. Directions are of unit length or scaled by a power of
+ * two. Inactive primitives are not aimed at. tmin 0, tmax 1000, mask 0xFF, no flags; every triangle is
+ * confirmed, no hit generated.
  */
-void gn_rays_at_scene(struct gn_case_run *run, const struct gn_cts_scene *scene, double distance, bool both_sides,
-                      struct gn_cts_ray *rays, uint32_t count);
+void gn_rays_at_scene(struct gn_case_run *run, const struct gn_cts_scene *scene, double distance,
+                      bool both_sides, struct gn_cts_ray *rays, uint32_t count);
 
 /*
  * Rays along the z axis, either way, that pass through all of the slab bottom <= z <= top within
@@ -44,7 +45,8 @@ void gn_rays_through(struct gn_random *random, double bottom, double top, double
  * random part of |x|, |y| <= 2 around a random centre.
  */
 #define GN_LADDER_MAX 32
-const float (*gn_ladder_make(struct gn_arena *arena, struct gn_random *random, uint32_t rungs, double thickness))[6];
+const float (*gn_ladder_make(struct gn_arena *arena, struct gn_random *random, uint32_t rungs,
+                             double thickness))[6];
 
 /*
  * Rays up or down a ladder, tilted, and the policy by which each generates a hit at the middle of every rung

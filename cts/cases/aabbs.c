@@ -4,17 +4,19 @@
 
 #include <math.h>
 
-#define SPEC_CANDIDATE                                                                                            \
-    "every box that a ray meets within its range is a candidate; others may be, because boxes may be enlarged " \
+#define SPEC_CANDIDATE                                                                                       \
+    "every box that a ray meets within its range is a candidate; others may be, because boxes may be "       \
+    "enlarged "                                                                                              \
     "(Vulkan: ray intersection candidate determination; VkAabbPositionsKHR)"
-#define SPEC_NEAREST                                                                                             \
-    "the nearest of the hits that were generated is committed (Vulkan: ray intersection confirmation; "         \
+#define SPEC_NEAREST                                                                                         \
+    "the nearest of the hits that were generated is committed (Vulkan: ray intersection confirmation; "      \
     "SPV_KHR_ray_query: OpRayQueryGenerateIntersectionKHR)"
-#define SPEC_INSIDE "a ray that starts inside a box meets it (Vulkan: ray intersection candidate determination)"
-#define SPEC_STRIDE "stride is in bytes from box to box (Vulkan: VkAccelerationStructureGeometryAabbsDataKHR::stride)"
+#define SPEC_INSIDE                                                                                          \
+    "a ray that starts inside a box meets it (Vulkan: ray intersection candidate determination)"
+#define SPEC_STRIDE                                                                                          \
+    "stride is in bytes from box to box (Vulkan: VkAccelerationStructureGeometryAabbsDataKHR::stride)"
 #define SPEC_INACTIVE "a box whose least x is NaN is inactive (Vulkan: inactive primitives and instances)"
-#define SPEC_DUPLICATE                                                                                           \
-    "NO_DUPLICATE_ANY_HIT_INVOCATION loses no box (Vulkan: VkGeometryFlagBitsKHR)"
+#define SPEC_DUPLICATE "NO_DUPLICATE_ANY_HIT_INVOCATION loses no box (Vulkan: VkGeometryFlagBitsKHR)"
 
 /* Ladders: hits are generated in the middle of the rungs that the policy wants. */
 
@@ -25,7 +27,7 @@ struct ladder_params {
     bool inactive; /* every third box */
     uint32_t stride;
     uint32_t flags;
-    double scale; /* of the whole scene; 0: 1 */
+    double scale;     /* of the whole scene; 0: 1 */
     bool short_range; /* the range ends between two rungs */
     bool overlapping; /* every box reaches over its neighbours' middles */
 };
@@ -62,8 +64,11 @@ static void ladder(struct gn_case_run *run, const struct gn_case *self)
     for (uint32_t i = 0; i < params->rungs; i++)
         for (int a = 0; a < 6; a++)
             boxes[i][a] *= scale;
-    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS, .flags = params->flags, .aabbs = (const float(*)[6])boxes,
-                                       .aabb_count = params->rungs, .aabb_stride = params->stride};
+    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS,
+                                       .flags = params->flags,
+                                       .aabbs = (const float(*)[6])boxes,
+                                       .aabb_count = params->rungs,
+                                       .aabb_stride = params->stride};
     struct gn_cts_scene scene = gn_scene_of_geometry(&run->arena, &geometry);
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
@@ -80,7 +85,8 @@ static void columns(struct gn_case_run *run, const struct gn_case *self)
     float(*boxes)[6] = gn_arena_alloc(&run->arena, box_count, sizeof *boxes);
     for (uint32_t i = 0; i < box_count; i++) {
         uint32_t level = i % LEVELS, x = i / LEVELS % COLUMNS, y = i / LEVELS / COLUMNS;
-        const float box[6] = {(float)x, (float)y, (float)level, (float)x + 0.75f, (float)y + 0.75f, (float)level + 0.5f};
+        const float box[6] = {(float)x,         (float)y,         (float)level,
+                              (float)x + 0.75f, (float)y + 0.75f, (float)level + 0.5f};
         for (int a = 0; a < 6; a++)
             boxes[i][a] = box[a];
     }
@@ -230,8 +236,11 @@ static void list(struct gn_case_run *run, const struct gn_case *self)
     for (uint32_t i = 0; i < params->boxes; i++)
         for (int a = 0; params->inactive && i % 4 == 2 && a < 6; a++)
             boxes[i][a] = __builtin_nanf("");
-    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS, .flags = params->flags, .aabbs = (const float(*)[6])boxes,
-                                       .aabb_count = params->boxes, .aabb_stride = params->stride};
+    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS,
+                                       .flags = params->flags,
+                                       .aabbs = (const float(*)[6])boxes,
+                                       .aabb_count = params->boxes,
+                                       .aabb_stride = params->stride};
     struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1};
     uint32_t instance_count = params->instances ? params->instances : 1;
     struct gn_cts_instance *instances = GN_NEW(arena, struct gn_cts_instance, instance_count);
@@ -250,7 +259,8 @@ static void list(struct gn_case_run *run, const struct gn_case *self)
             rays[i] = boundary_ray(random, box, params->aim);
         if (params->aim == FROM_INSIDE) {
             for (int a = 0; a < 3; a++)
-                rays[i].ray.origin[a] = box[a] + (box[a + 3] - box[a]) * (float)gn_random_range(random, 0.1, 0.9);
+                rays[i].ray.origin[a] =
+                    box[a] + (box[a + 3] - box[a]) * (float)gn_random_range(random, 0.1, 0.9);
             /* Often the range ends before the ray leaves the box. */
             rays[i].ray.tmax = i & 1 ? 1e-4f : 2;
         }
@@ -259,16 +269,22 @@ static void list(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_CANDIDATES, rays, count, 0);
 }
 
-#define LADDER(label, spec, ...) {"aabbs." label, spec, ladder, &(const struct ladder_params){__VA_ARGS__}, 0}
-#define LIST(label, spec, ...) {"aabbs." label, spec, list, &(const struct list_params){__VA_ARGS__}, 0}
+#define LADDER(label, spec, ...)                                                                             \
+    {                                                                                                        \
+        "aabbs." label, spec, ladder, &(const struct ladder_params){__VA_ARGS__}, 0                          \
+    }
+#define LIST(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "aabbs." label, spec, list, &(const struct list_params){__VA_ARGS__}, 0                              \
+    }
 static const struct gn_case cases[] = {
     LADDER("nearest", SPEC_NEAREST, .rungs = 24, .thickness = 0.5),
     LADDER("nearest_of_all", SPEC_NEAREST, .rungs = 24, .thickness = 0.5, .all_wanted = true),
     LADDER("nearest_of_overlapping", SPEC_NEAREST, .rungs = 24, .thickness = 0.5, .overlapping = true),
     LADDER("one", SPEC_NEAREST, .rungs = 1, .thickness = 0.5, .all_wanted = true),
     LADDER("flat", SPEC_NEAREST, .rungs = 16, .thickness = 0),
-    LADDER("opaque", "a box is presented even if it is opaque (SPV_KHR_ray_query: OpRayQueryProceedKHR)", .rungs = 16,
-           .thickness = 0.5, .flags = GN_REF_GEOMETRY_OPAQUE),
+    LADDER("opaque", "a box is presented even if it is opaque (SPV_KHR_ray_query: OpRayQueryProceedKHR)",
+           .rungs = 16, .thickness = 0.5, .flags = GN_REF_GEOMETRY_OPAQUE),
     LADDER("inactive", SPEC_INACTIVE, .rungs = 24, .thickness = 0.5, .inactive = true),
     LADDER("short_range", SPEC_CANDIDATE, .rungs = 24, .thickness = 0.5, .short_range = true),
     LADDER("stride_32", SPEC_STRIDE, .rungs = 16, .thickness = 0.5, .stride = 32),
@@ -289,8 +305,11 @@ static const struct gn_case cases[] = {
     LIST("no_duplicate_flag", SPEC_DUPLICATE, .boxes = 100, .min_half = 0.01, .max_half = 0.3,
          .flags = GN_REF_GEOMETRY_NO_DUPLICATE),
     LIST("inside", SPEC_INSIDE, .boxes = 64, .min_half = 0.05, .max_half = 0.3, .aim = FROM_INSIDE),
-    LIST("along_faces", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true, .aim = ALONG_FACES),
-    LIST("through_edges", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true, .aim = THROUGH_EDGES),
-    LIST("through_corners", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true, .aim = THROUGH_CORNERS),
+    LIST("along_faces", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true,
+         .aim = ALONG_FACES),
+    LIST("through_edges", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true,
+         .aim = THROUGH_EDGES),
+    LIST("through_corners", SPEC_CANDIDATE, .boxes = 64, .min_half = 0.25, .max_half = 0.25, .grid = true,
+         .aim = THROUGH_CORNERS),
 };
 const struct gn_case_family gn_family_aabbs = {"aabbs", cases, sizeof cases / sizeof cases[0]};

@@ -2,18 +2,19 @@
 /* What a query presents to the shader, and what comes of its answers. */
 #include "cts/compose.h"
 
-#define SPEC_LIST                                                                                                \
-    "every triangle that is not opaque and that the ray meets before the committed hit is a candidate (Vulkan: " \
+#define SPEC_LIST                                                                                            \
+    "every triangle that is not opaque and that the ray meets before the committed hit is a candidate "      \
+    "(Vulkan: "                                                                                              \
     "ray intersection candidate determination; SPV_KHR_ray_query: OpRayQueryProceedKHR)"
-#define SPEC_OPAQUE                                                                                              \
-    "an opaque triangle is committed without being presented (Vulkan: ray opacity and any-hit; "                 \
+#define SPEC_OPAQUE                                                                                          \
+    "an opaque triangle is committed without being presented (Vulkan: ray opacity and any-hit; "             \
     "SPV_KHR_ray_query: OpRayQueryProceedKHR)"
-#define SPEC_DUPLICATE                                                                                           \
-    "a triangle of a geometry with NO_DUPLICATE_ANY_HIT_INVOCATION is presented at most once (Vulkan: "         \
+#define SPEC_DUPLICATE                                                                                       \
+    "a triangle of a geometry with NO_DUPLICATE_ANY_HIT_INVOCATION is presented at most once (Vulkan: "      \
     "VkGeometryFlagBitsKHR)"
-#define SPEC_CONFIRM                                                                                             \
-    "the nearest of the confirmed candidates and the opaque hits is committed, whatever the order in which "    \
-    "they were presented (Vulkan: ray intersection confirmation; SPV_KHR_ray_query: "                           \
+#define SPEC_CONFIRM                                                                                         \
+    "the nearest of the confirmed candidates and the opaque hits is committed, whatever the order in which " \
+    "they were presented (Vulkan: ray intersection confirmation; SPV_KHR_ray_query: "                        \
     "OpRayQueryConfirmIntersectionKHR)"
 
 enum shape { LAYERS, SOUP, NEEDLES, CLOSED };
@@ -26,7 +27,7 @@ struct params {
     enum confirm confirm;
     enum gn_cts_program program;
     bool no_duplicates;
-    bool boxes; /* a ladder among the layers */
+    bool boxes;       /* a ladder among the layers */
     bool overlapping; /* two instances at the same place */
     bool short_range;
 };
@@ -49,11 +50,16 @@ static uint32_t confirm_mask(struct gn_random *random, enum confirm confirm)
 {
     uint32_t bits = (uint32_t)gn_random_u64(random);
     switch (confirm) {
-    case NONE: return 0;
-    case EVERY: return UINT32_MAX;
-    case RANDOM: return bits;
-    case ONE_IN_32: return 1u << (bits & 31);
-    case ONE_IN_FOUR: return bits & (uint32_t)gn_random_u64(random);
+    case NONE:
+        return 0;
+    case EVERY:
+        return UINT32_MAX;
+    case RANDOM:
+        return bits;
+    case ONE_IN_32:
+        return 1u << (bits & 31);
+    case ONE_IN_FOUR:
+        return bits & (uint32_t)gn_random_u64(random);
     }
     return 0;
 }
@@ -84,9 +90,11 @@ static void candidates(struct gn_case_run *run, const struct gn_case *self)
                               (params->no_duplicates ? GN_REF_GEOMETRY_NO_DUPLICATE : 0);
     }
     const float(*boxes)[6] = gn_ladder_make(arena, random, RUNGS, 0.25);
-    geometries[layers] = (struct gn_cts_geometry){
-        .type = GN_REF_AABBS, .flags = params->no_duplicates ? GN_REF_GEOMETRY_NO_DUPLICATE : 0, .aabbs = boxes,
-        .aabb_count = RUNGS};
+    geometries[layers] =
+        (struct gn_cts_geometry){.type = GN_REF_AABBS,
+                                 .flags = params->no_duplicates ? GN_REF_GEOMETRY_NO_DUPLICATE : 0,
+                                 .aabbs = boxes,
+                                 .aabb_count = RUNGS};
     struct gn_cts_blas blases[2] = {{.geometries = geometries, .geometry_count = layers},
                                     {.geometries = &geometries[layers], .geometry_count = 1}};
     struct gn_cts_instance instances[3];
@@ -121,7 +129,10 @@ static void candidates(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, params->program, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"candidates." label, spec, candidates, &(const struct params){__VA_ARGS__}, 0}
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "candidates." label, spec, candidates, &(const struct params){__VA_ARGS__}, 0                        \
+    }
 #define LISTED .program = GN_CTS_CANDIDATES
 static const struct gn_case cases[] = {
     CASE("layers", SPEC_LIST, LISTED, .shape = LAYERS),
@@ -130,11 +141,13 @@ static const struct gn_case cases[] = {
     CASE("closed", SPEC_LIST, LISTED, .shape = CLOSED),
     CASE("short_range", SPEC_LIST, LISTED, .shape = LAYERS, .short_range = true),
     CASE("with_opaque", SPEC_OPAQUE, LISTED, .shape = LAYERS, .opacity = ALTERNATING),
-    CASE("with_opaque_instance", SPEC_OPAQUE, LISTED, .shape = LAYERS, .opacity = BY_INSTANCE, .overlapping = true),
+    CASE("with_opaque_instance", SPEC_OPAQUE, LISTED, .shape = LAYERS, .opacity = BY_INSTANCE,
+         .overlapping = true),
     CASE("with_opaque_soup", SPEC_OPAQUE, LISTED, .shape = SOUP, .opacity = ALTERNATING),
     CASE("with_boxes", SPEC_LIST, LISTED, .shape = LAYERS, .boxes = true),
     CASE("overlapping_instances", SPEC_LIST, LISTED, .shape = LAYERS, .overlapping = true),
-    CASE("no_duplicates.layers", SPEC_DUPLICATE, LISTED, .shape = LAYERS, .boxes = true, .no_duplicates = true),
+    CASE("no_duplicates.layers", SPEC_DUPLICATE, LISTED, .shape = LAYERS, .boxes = true,
+         .no_duplicates = true),
     CASE("no_duplicates.needles", SPEC_DUPLICATE, LISTED, .shape = NEEDLES, .no_duplicates = true),
     CASE("confirm.every", SPEC_CONFIRM, .shape = LAYERS, .confirm = EVERY),
     CASE("confirm.none", SPEC_CONFIRM, .shape = LAYERS, .opacity = ALTERNATING, .confirm = NONE),
@@ -144,7 +157,7 @@ static const struct gn_case cases[] = {
     CASE("confirm.soup", SPEC_CONFIRM, .shape = SOUP, .confirm = RANDOM),
     CASE("confirm.needles", SPEC_CONFIRM, .shape = NEEDLES, .opacity = ALTERNATING, .confirm = RANDOM),
     CASE("confirm.closed", SPEC_CONFIRM, .shape = CLOSED, .confirm = RANDOM),
-    CASE("confirm.overlapping_instances", SPEC_CONFIRM, .shape = LAYERS, .opacity = BY_INSTANCE, .confirm = RANDOM,
-         .overlapping = true),
+    CASE("confirm.overlapping_instances", SPEC_CONFIRM, .shape = LAYERS, .opacity = BY_INSTANCE,
+         .confirm = RANDOM, .overlapping = true),
 };
 const struct gn_case_family gn_family_candidates = {"candidates", cases, sizeof cases / sizeof cases[0]};

@@ -2,15 +2,16 @@
 /* Copies of structures: compacted, cloned, serialized, one after another; they answer as the source did. */
 #include "cts/compose.h"
 
-#define SPEC_COMPACT                                                                                              \
-    "a compacted copy holds the same geometry in less memory (Vulkan: "                                          \
+#define SPEC_COMPACT                                                                                         \
+    "a compacted copy holds the same geometry in less memory (Vulkan: "                                      \
     "VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR)"
 #define SPEC_CLONE "a clone is a copy like its source (Vulkan: VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR)"
-#define SPEC_SERIALIZE                                                                                           \
-    "a structure that was serialized and deserialized is like its source (Vulkan: "                             \
+#define SPEC_SERIALIZE                                                                                       \
+    "a structure that was serialized and deserialized is like its source (Vulkan: "                          \
     "vkCmdCopyAccelerationStructureToMemoryKHR, vkCmdCopyMemoryToAccelerationStructureKHR)"
 #define SPEC_CHAIN "a copy can be copied or updated again (Vulkan: acceleration structure copying)"
-#define SPEC_GENERIC "a structure of the generic type takes any level (Vulkan: VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR)"
+#define SPEC_GENERIC                                                                                         \
+    "a structure of the generic type takes any level (Vulkan: VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR)"
 
 #define UPDATE VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR
 #define COMPACTION VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR
@@ -90,9 +91,12 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     struct gn_cts_geometry box_geometry = {.type = GN_REF_AABBS, .aabbs = ladder, .aabb_count = RUNGS};
     for (uint32_t b = 0; b < blas_count; b++) {
         uint32_t count = 1;
-        const struct gn_cts_geometry *geometries = params->boxes ? &box_geometry : meshes(run, params, b, &count);
-        blases[b] = (struct gn_cts_blas){.geometries = geometries, .geometry_count = count,
-                                         .build_flags = params->flags, .generic = params->generic};
+        const struct gn_cts_geometry *geometries =
+            params->boxes ? &box_geometry : meshes(run, params, b, &count);
+        blases[b] = (struct gn_cts_blas){.geometries = geometries,
+                                         .geometry_count = count,
+                                         .build_flags = params->flags,
+                                         .generic = params->generic};
         steps_take(blases[b].steps, params->steps);
     }
     for (uint32_t i = 0; i < instance_count; i++) {
@@ -110,7 +114,7 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     scene.initial_instances = steps_refit(params->tlas_steps) ? initial : NULL;
     steps_take(scene.tlas_steps, params->tlas_steps);
 
-    uint32_t count = gn_ray_count(run, 16384);
+    uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     if (params->boxes)
         gn_ladder_rays(random, ladder, RUNGS, true, rays, count);
@@ -119,9 +123,14 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"copy." label, spec, copy, &(const struct params){__VA_ARGS__}, 0}
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "copy." label, spec, copy, &(const struct params){__VA_ARGS__}, 0                                    \
+    }
 static const struct gn_case cases[] = {
-    CASE("none", "what the copies are compared with: the same scenes without one (Vulkan: acceleration structures)", 0),
+    CASE("none",
+         "what the copies are compared with: the same scenes without one (Vulkan: acceleration structures)",
+         0),
     CASE("compact.blas", SPEC_COMPACT, .flags = COMPACTION, .steps = {COMPACT}),
     CASE("compact.tlas", SPEC_COMPACT, .tlas_flags = COMPACTION, .tlas_steps = {COMPACT}),
     CASE("compact.both", SPEC_COMPACT, .flags = COMPACTION, .steps = {COMPACT}, .tlas_flags = COMPACTION,
@@ -135,10 +144,10 @@ static const struct gn_case cases[] = {
     CASE("serialize.tlas", SPEC_SERIALIZE, .tlas_steps = {SERIALIZE}),
     CASE("serialize.both", SPEC_SERIALIZE, .steps = {SERIALIZE}, .tlas_steps = {SERIALIZE}),
     CASE("serialize.boxes", SPEC_SERIALIZE, .steps = {SERIALIZE}, .boxes = true),
-    CASE("chain.compact_clone", SPEC_CHAIN, .flags = COMPACTION, .steps = {COMPACT, CLONE}, .tlas_flags = COMPACTION,
-         .tlas_steps = {COMPACT, CLONE}),
-    CASE("chain.clone_compact", SPEC_CHAIN, .flags = COMPACTION, .steps = {CLONE, COMPACT}, .tlas_flags = COMPACTION,
-         .tlas_steps = {CLONE, COMPACT}),
+    CASE("chain.compact_clone", SPEC_CHAIN, .flags = COMPACTION, .steps = {COMPACT, CLONE},
+         .tlas_flags = COMPACTION, .tlas_steps = {COMPACT, CLONE}),
+    CASE("chain.clone_compact", SPEC_CHAIN, .flags = COMPACTION, .steps = {CLONE, COMPACT},
+         .tlas_flags = COMPACTION, .tlas_steps = {CLONE, COMPACT}),
     CASE("chain.serialize_clone_serialize", SPEC_CHAIN, .steps = {SERIALIZE, CLONE, SERIALIZE},
          .tlas_steps = {SERIALIZE, CLONE, SERIALIZE}),
     CASE("chain.compact_serialize", SPEC_CHAIN, .flags = COMPACTION, .steps = {COMPACT, SERIALIZE},
@@ -146,18 +155,22 @@ static const struct gn_case cases[] = {
     CASE("chain.boxes", SPEC_CHAIN, .flags = COMPACTION, .steps = {CLONE, COMPACT, SERIALIZE}, .boxes = true),
     CASE("refit.compact", SPEC_CHAIN, .flags = COMPACTION | UPDATE, .steps = {REFIT, COMPACT},
          .tlas_flags = COMPACTION | UPDATE, .tlas_steps = {REFIT, COMPACT}),
-    CASE("refit.compacted", "a compacted structure can be updated (Vulkan: vkCmdBuildAccelerationStructuresKHR, pInfos-10126)",
+    CASE("refit.compacted",
+         "a compacted structure can be updated (Vulkan: vkCmdBuildAccelerationStructuresKHR, pInfos-10126)",
          .flags = COMPACTION | UPDATE, .steps = {COMPACT, REFIT}, .tlas_flags = COMPACTION | UPDATE,
          .tlas_steps = {COMPACT, REFIT}),
     CASE("refit.clone", SPEC_CHAIN, .flags = UPDATE, .steps = {CLONE, REFIT, CLONE}, .tlas_flags = UPDATE,
          .tlas_steps = {CLONE, REFIT, CLONE}),
     CASE("refit.serialize", SPEC_CHAIN, .flags = UPDATE, .steps = {SERIALIZE, REFIT_COPY, SERIALIZE},
          .tlas_flags = UPDATE, .tlas_steps = {SERIALIZE, REFIT, SERIALIZE}),
-    CASE("inactive", "inactive primitives are none the less counted in a copy (Vulkan: inactive primitives and instances)",
-         .flags = COMPACTION, .steps = {COMPACT, CLONE, SERIALIZE}, .inactive = true),
+    CASE(
+        "inactive",
+        "inactive primitives are none the less counted in a copy (Vulkan: inactive primitives and instances)",
+        .flags = COMPACTION, .steps = {COMPACT, CLONE, SERIALIZE}, .inactive = true),
     CASE("generic.blas", SPEC_GENERIC, .generic = true),
     CASE("generic.tlas", SPEC_GENERIC, .tlas_generic = true),
     CASE("generic.copied", SPEC_GENERIC, .flags = COMPACTION, .steps = {COMPACT, CLONE, SERIALIZE},
-         .tlas_flags = COMPACTION, .tlas_steps = {COMPACT, CLONE, SERIALIZE}, .generic = true, .tlas_generic = true),
+         .tlas_flags = COMPACTION, .tlas_steps = {COMPACT, CLONE, SERIALIZE}, .generic = true,
+         .tlas_generic = true),
 };
 const struct gn_case_family gn_family_copy = {"copy", cases, sizeof cases / sizeof cases[0]};

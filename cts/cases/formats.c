@@ -2,19 +2,19 @@
 /* Vertex formats and strides: the same kind of mesh, encoded in every format that the device takes. */
 #include "cts/compose.h"
 
-#define SPEC_REQUIRED                                                                                             \
-    "six vertex formats have to be taken (Vulkan: required format support, "                                     \
-    "VK_FORMAT_FEATURE_ACCELERATION_STRUCTURE_VERTEX_BUFFER_BIT_KHR; "                                           \
+#define SPEC_REQUIRED                                                                                        \
+    "six vertex formats have to be taken (Vulkan: required format support, "                                 \
+    "VK_FORMAT_FEATURE_ACCELERATION_STRUCTURE_VERTEX_BUFFER_BIT_KHR; "                                       \
     "VkAccelerationStructureGeometryTrianglesDataKHR::vertexFormat)"
-#define SPEC_OPTIONAL                                                                                             \
-    "a vertex format is taken if its format features say so (Vulkan: "                                           \
+#define SPEC_OPTIONAL                                                                                        \
+    "a vertex format is taken if its format features say so (Vulkan: "                                       \
     "VkAccelerationStructureGeometryTrianglesDataKHR::vertexFormat)"
 
 struct params {
     VkFormat format;
     uint32_t component; /* bytes; of a packed format all of it */
-    uint32_t size; /* bytes */
-    bool flat; /* two components: z is 0 */
+    uint32_t size;      /* bytes */
+    bool flat;          /* two components: z is 0 */
     bool not_negative;
     uint32_t extra[3]; /* components beyond `size` in the stride, one trace each */
     uint32_t traces;
@@ -47,12 +47,20 @@ static void formats(struct gn_case_run *run, const struct gn_case *self)
     }
 }
 
-#define REQUIRED(label, name, ...)                                                                               \
-    {"formats." label ".tight", SPEC_REQUIRED, formats, &(const struct params){name, __VA_ARGS__, {0}, 1}, 0},       \
-    {"formats." label ".padded", SPEC_REQUIRED, formats, &(const struct params){name, __VA_ARGS__, {1}, 1}, 0},   \
-    {"formats." label ".wide", SPEC_REQUIRED, formats, &(const struct params){name, __VA_ARGS__, {13, 64, 251}, 3}, 0}
-#define OPTIONAL(label, name, ...)                                                                               \
-    {"formats." label, SPEC_OPTIONAL, formats, &(const struct params){name, __VA_ARGS__, {0, 1, 29}, 3}, 0}
+#define REQUIRED(label, name, ...)                                                                           \
+    {"formats." label ".tight", SPEC_REQUIRED, formats, &(const struct params){name, __VA_ARGS__, {0}, 1},   \
+     0},                                                                                                     \
+        {"formats." label ".padded", SPEC_REQUIRED, formats,                                                 \
+         &(const struct params){name, __VA_ARGS__, {1}, 1}, 0},                                              \
+    {                                                                                                        \
+        "formats." label ".wide", SPEC_REQUIRED, formats,                                                    \
+            &(const struct params){name, __VA_ARGS__, {13, 64, 251}, 3}, 0                                   \
+    }
+#define OPTIONAL(label, name, ...)                                                                           \
+    {                                                                                                        \
+        "formats." label, SPEC_OPTIONAL, formats, &(const struct params){name, __VA_ARGS__, {0, 1, 29}, 3},  \
+            0                                                                                                \
+    }
 
 static const struct gn_case cases[] = {
     REQUIRED("r32g32b32_sfloat", VK_FORMAT_R32G32B32_SFLOAT, 4, 12, false, false),

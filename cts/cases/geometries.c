@@ -2,12 +2,29 @@
 /* Several geometries in one BLAS: their ids, and that each keeps its own format, transform and flags. */
 #include "cts/compose.h"
 
-#define SPEC_INDEX "the geometry index is the geometry's place in the build's list (SPV_KHR_ray_query: OpRayQueryGetIntersectionGeometryIndexKHR)"
-#define SPEC_OWN "each geometry has its own format, indices, transform and flags (Vulkan: VkAccelerationStructureGeometryKHR)"
-#define SPEC_EMPTY "a geometry without primitives is allowed and counts (Vulkan: VkAccelerationStructureBuildRangeInfoKHR::primitiveCount)"
-#define SPEC_INACTIVE "inactive primitives give no hits and still count in the ids (Vulkan: inactive primitives and instances)"
+#define SPEC_INDEX                                                                                           \
+    "the geometry index is the geometry's place in the build's list (SPV_KHR_ray_query: "                    \
+    "OpRayQueryGetIntersectionGeometryIndexKHR)"
+#define SPEC_OWN                                                                                             \
+    "each geometry has its own format, indices, transform and flags (Vulkan: "                               \
+    "VkAccelerationStructureGeometryKHR)"
+#define SPEC_EMPTY                                                                                           \
+    "a geometry without primitives is allowed and counts (Vulkan: "                                          \
+    "VkAccelerationStructureBuildRangeInfoKHR::primitiveCount)"
+#define SPEC_INACTIVE                                                                                        \
+    "inactive primitives give no hits and still count in the ids (Vulkan: inactive primitives and "          \
+    "instances)"
 
-enum { EMPTY = 1, FORMATS = 2, TRANSFORMS = 4, FLAGS = 8, INDICES = 16, INACTIVE = 32, SIZES = 64, DUPLICATES = 128 };
+enum {
+    EMPTY = 1,
+    FORMATS = 2,
+    TRANSFORMS = 4,
+    FLAGS = 8,
+    INDICES = 16,
+    INACTIVE = 32,
+    SIZES = 64,
+    DUPLICATES = 128
+};
 
 struct params {
     uint32_t geometries;
@@ -27,8 +44,9 @@ static struct gn_cts_geometry make(struct gn_case_run *run, const struct params 
     uint32_t n = 2 + (params->mix & SIZES ? gn_random_below(random, 12) : 1);
     bool placed = params->mix & TRANSFORMS;
 
-    struct gn_mesh mesh = format == VK_FORMAT_R32G32_SFLOAT ? gn_mesh_flat(&run->arena, random, n)
-                                                            : gn_mesh_height_field(&run->arena, random, n, 0.25);
+    struct gn_mesh mesh = format == VK_FORMAT_R32G32_SFLOAT
+                              ? gn_mesh_flat(&run->arena, random, n)
+                              : gn_mesh_height_field(&run->arena, random, n, 0.25);
     if (!placed && format == VK_FORMAT_UNDEFINED)
         mesh = gn_mesh_scaled(&run->arena, &mesh, 0.5, 0.5, 0.5, gn_random_range(random, -1.5, 1.5),
                               gn_random_range(random, -1.5, 1.5), gn_random_range(random, -1.5, 1.5));
@@ -88,12 +106,16 @@ static void geometries(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, params->program, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"geometries." label, spec, geometries, &(const struct params){__VA_ARGS__}, 0}
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "geometries." label, spec, geometries, &(const struct params){__VA_ARGS__}, 0                        \
+    }
 static const struct gn_case cases[] = {
     CASE("pair", SPEC_INDEX, .geometries = 2),
     CASE("ten", SPEC_INDEX, .geometries = 10, .mix = SIZES),
     CASE("three_hundred", SPEC_INDEX, .geometries = 300),
-    CASE("three_hundred_mixed", SPEC_OWN, .geometries = 300, .mix = FORMATS | TRANSFORMS | INDICES | FLAGS | SIZES),
+    CASE("three_hundred_mixed", SPEC_OWN, .geometries = 300,
+         .mix = FORMATS | TRANSFORMS | INDICES | FLAGS | SIZES),
     CASE("empty_between", SPEC_EMPTY, .geometries = 12, .mix = EMPTY),
     CASE("mostly_empty", SPEC_EMPTY, .geometries = 3, .mix = EMPTY | SIZES),
     CASE("empty_mixed", SPEC_EMPTY, .geometries = 40, .mix = EMPTY | FORMATS | INDICES | TRANSFORMS),
@@ -102,10 +124,17 @@ static const struct gn_case cases[] = {
     CASE("flags", SPEC_OWN, .geometries = 8, .mix = FLAGS),
     CASE("indices", SPEC_OWN, .geometries = 9, .mix = INDICES),
     CASE("inactive", SPEC_INACTIVE, .geometries = 8, .mix = INACTIVE),
-    CASE("coincident", "of coincident triangles one is committed (Vulkan: ray intersection confirmation)", .geometries = 8, .mix = DUPLICATES),
-    CASE("several_structures", SPEC_INDEX, .geometries = 5, .mix = FORMATS | TRANSFORMS | INDICES, .blases = 7),
-    CASE("one_build_each", "structures may be built by one command or by several (Vulkan: vkCmdBuildAccelerationStructuresKHR)", .geometries = 3, .mix = TRANSFORMS, .blases = 5, .separate_builds = true),
-    CASE("array_of_pointers", "geometries may come as an array of pointers (Vulkan: VkAccelerationStructureBuildGeometryInfoKHR::ppGeometries)", .geometries = 6, .mix = TRANSFORMS | FORMATS, .blases = 3, .array_of_pointers = true),
+    CASE("coincident", "of coincident triangles one is committed (Vulkan: ray intersection confirmation)",
+         .geometries = 8, .mix = DUPLICATES),
+    CASE("several_structures", SPEC_INDEX, .geometries = 5, .mix = FORMATS | TRANSFORMS | INDICES,
+         .blases = 7),
+    CASE("one_build_each",
+         "structures may be built by one command or by several (Vulkan: vkCmdBuildAccelerationStructuresKHR)",
+         .geometries = 3, .mix = TRANSFORMS, .blases = 5, .separate_builds = true),
+    CASE("array_of_pointers",
+         "geometries may come as an array of pointers (Vulkan: "
+         "VkAccelerationStructureBuildGeometryInfoKHR::ppGeometries)",
+         .geometries = 6, .mix = TRANSFORMS | FORMATS, .blases = 3, .array_of_pointers = true),
     CASE("candidates", SPEC_INDEX, .geometries = 8, .mix = SIZES, .blases = 1, .program = GN_CTS_CANDIDATES),
 };
 const struct gn_case_family gn_family_geometries = {"geometries", cases, sizeof cases / sizeof cases[0]};

@@ -2,27 +2,33 @@
 /* Where the corners of a triangle come from: index types, offsets into vertex, index and transform data. */
 #include "cts/compose.h"
 
-#define SPEC_INDEX "indices are 16 or 32 bits wide or absent (Vulkan: VkAccelerationStructureGeometryTrianglesDataKHR::indexType)"
-#define SPEC_NONE "without indices every three vertices make a triangle (Vulkan: VkAccelerationStructureBuildRangeInfoKHR)"
-#define SPEC_PRIMITIVE_OFFSET                                                                                    \
-    "primitiveOffset is in bytes, into the index data or, without indices, into the vertex data (Vulkan: "        \
+#define SPEC_INDEX                                                                                           \
+    "indices are 16 or 32 bits wide or absent (Vulkan: "                                                     \
+    "VkAccelerationStructureGeometryTrianglesDataKHR::indexType)"
+#define SPEC_NONE                                                                                            \
+    "without indices every three vertices make a triangle (Vulkan: "                                         \
+    "VkAccelerationStructureBuildRangeInfoKHR)"
+#define SPEC_PRIMITIVE_OFFSET                                                                                \
+    "primitiveOffset is in bytes, into the index data or, without indices, into the vertex data (Vulkan: "   \
     "VkAccelerationStructureBuildRangeInfoKHR::primitiveOffset)"
-#define SPEC_FIRST_VERTEX                                                                                         \
-    "firstVertex is added to each index, or where there are none to the vertex number (Vulkan: "                 \
+#define SPEC_FIRST_VERTEX                                                                                    \
+    "firstVertex is added to each index, or where there are none to the vertex number (Vulkan: "             \
     "VkAccelerationStructureBuildRangeInfoKHR::firstVertex)"
-#define SPEC_TRANSFORM_OFFSET                                                                                     \
-    "transformOffset is in bytes, into the transform data (Vulkan: "                                            \
+#define SPEC_TRANSFORM_OFFSET                                                                                \
+    "transformOffset is in bytes, into the transform data (Vulkan: "                                         \
     "VkAccelerationStructureBuildRangeInfoKHR::transformOffset)"
-#define SPEC_DEGENERATE "degenerate triangles give no hits and still count in the primitive ids (Vulkan: inactive and degenerate primitives)"
+#define SPEC_DEGENERATE                                                                                      \
+    "degenerate triangles give no hits and still count in the primitive ids (Vulkan: inactive and "          \
+    "degenerate primitives)"
 
 enum shape {
     FIELD,
     REVERSED, /* the triangles in another order, each rotated */
     REPEATED, /* every third triangle has two equal indices */
-    TWICE, /* every triangle is there twice */
-    SPARSE, /* most vertices are used by no triangle */
-    FULL_16, /* 65,536 vertices, and triangles at both ends of them */
-    OVER_16, /* 70,000 vertices */
+    TWICE,    /* every triangle is there twice */
+    SPARSE,   /* most vertices are used by no triangle */
+    FULL_16,  /* 65,536 vertices, and triangles at both ends of them */
+    OVER_16,  /* 70,000 vertices */
 };
 
 struct params {
@@ -67,7 +73,8 @@ static void shape_apply(struct gn_case_run *run, enum shape shape, struct gn_mes
             else if (shape == TWICE)
                 triangles[t][c] = mesh->triangles[t / 2][c];
             else
-                triangles[t][c] = mesh->triangles[t % count][shape == REPEATED && t % 3 == 1 && c == 2 ? t & 1 : c];
+                triangles[t][c] =
+                    mesh->triangles[t % count][shape == REPEATED && t % 3 == 1 && c == 2 ? t & 1 : c];
         }
     mesh->triangles = triangles;
     if (shape == TWICE)
@@ -101,13 +108,16 @@ static void indices(struct gn_case_run *run, const struct gn_case *self)
         geometry.transform_offset = params->transform_offset;
     }
     struct gn_cts_scene scene = gn_scene_placed(run, &geometry, 1);
-    uint32_t count = gn_ray_count(run, 16384);
+    uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2, true, rays, count);
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"indices." label, spec, indices, &(const struct params){__VA_ARGS__}, 0}
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "indices." label, spec, indices, &(const struct params){__VA_ARGS__}, 0                              \
+    }
 #define F16 VK_FORMAT_R16G16B16A16_SFLOAT
 static const struct gn_case cases[] = {
     CASE("none", SPEC_NONE, .shape = FIELD, .none = true),
@@ -119,19 +129,29 @@ static const struct gn_case cases[] = {
     CASE("sparse", SPEC_INDEX, .shape = SPARSE),
     CASE("repeated", SPEC_DEGENERATE, .shape = REPEATED),
     CASE("repeated_without_indices", SPEC_DEGENERATE, .shape = REPEATED, .none = true),
-    CASE("every_triangle_twice", "of coincident triangles one is committed (Vulkan: ray intersection confirmation)", .shape = TWICE),
+    CASE("every_triangle_twice",
+         "of coincident triangles one is committed (Vulkan: ray intersection confirmation)", .shape = TWICE),
     CASE("vertex_offset", SPEC_INDEX, .shape = FIELD, .vertex_offset = 52),
-    CASE("vertex_offset_halves", SPEC_INDEX, .shape = FIELD, .uint32 = true, .vertex_offset = 6, .stride = 10, .format = F16),
+    CASE("vertex_offset_halves", SPEC_INDEX, .shape = FIELD, .uint32 = true, .vertex_offset = 6, .stride = 10,
+         .format = F16),
     CASE("first_vertex", SPEC_FIRST_VERTEX, .shape = FIELD, .first_vertex = 17),
-    CASE("first_vertex_stride", SPEC_FIRST_VERTEX, .shape = FIELD, .uint32 = true, .first_vertex = 5, .stride = 36),
-    CASE("first_vertex_without_indices", SPEC_FIRST_VERTEX, .shape = FIELD, .none = true, .first_vertex = 7, .stride = 20),
+    CASE("first_vertex_stride", SPEC_FIRST_VERTEX, .shape = FIELD, .uint32 = true, .first_vertex = 5,
+         .stride = 36),
+    CASE("first_vertex_without_indices", SPEC_FIRST_VERTEX, .shape = FIELD, .none = true, .first_vertex = 7,
+         .stride = 20),
     CASE("primitive_offset_uint16", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .primitive_offset = 34),
-    CASE("primitive_offset_uint32", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .uint32 = true, .primitive_offset = 52),
-    CASE("primitive_offset_without_indices", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .none = true, .primitive_offset = 100),
+    CASE("primitive_offset_uint32", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .uint32 = true,
+         .primitive_offset = 52),
+    CASE("primitive_offset_without_indices", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .none = true,
+         .primitive_offset = 100),
     CASE("transform_offset", SPEC_TRANSFORM_OFFSET, .shape = FIELD, .transform_offset = 16),
     CASE("transform_offset_large", SPEC_TRANSFORM_OFFSET, .shape = FIELD, .transform_offset = 4096),
-    CASE("all_offsets", SPEC_PRIMITIVE_OFFSET, .shape = REVERSED, .uint32 = true, .vertex_offset = 28, .first_vertex = 11, .primitive_offset = 44, .transform_offset = 48, .stride = 24),
-    CASE("all_offsets_uint16", SPEC_PRIMITIVE_OFFSET, .shape = SPARSE, .vertex_offset = 14, .first_vertex = 300, .primitive_offset = 22, .transform_offset = 80, .stride = 12, .format = F16),
-    CASE("all_offsets_without_indices", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .none = true, .vertex_offset = 40, .first_vertex = 4, .primitive_offset = 60, .transform_offset = 32, .stride = 28),
+    CASE("all_offsets", SPEC_PRIMITIVE_OFFSET, .shape = REVERSED, .uint32 = true, .vertex_offset = 28,
+         .first_vertex = 11, .primitive_offset = 44, .transform_offset = 48, .stride = 24),
+    CASE("all_offsets_uint16", SPEC_PRIMITIVE_OFFSET, .shape = SPARSE, .vertex_offset = 14,
+         .first_vertex = 300, .primitive_offset = 22, .transform_offset = 80, .stride = 12, .format = F16),
+    CASE("all_offsets_without_indices", SPEC_PRIMITIVE_OFFSET, .shape = FIELD, .none = true,
+         .vertex_offset = 40, .first_vertex = 4, .primitive_offset = 60, .transform_offset = 32,
+         .stride = 28),
 };
 const struct gn_case_family gn_family_indices = {"indices", cases, sizeof cases / sizeof cases[0]};

@@ -2,21 +2,24 @@
 /* Which instances a ray may meet: the instance's mask against the low 8 bits of the ray's cull mask. */
 #include "cts/compose.h"
 
-#define SPEC_AND                                                                                                 \
-    "an instance is met only if its mask and the ray's cull mask have a bit in common (Vulkan: ray culling, " \
+#define SPEC_AND                                                                                             \
+    "an instance is met only if its mask and the ray's cull mask have a bit in common (Vulkan: ray "         \
+    "culling, "                                                                                              \
     "instance mask; VkAccelerationStructureInstanceKHR::mask)"
-#define SPEC_LOW "only the 8 least significant bits of the cull mask count (SPV_KHR_ray_query: OpRayQueryInitializeKHR, Cull Mask)"
+#define SPEC_LOW                                                                                             \
+    "only the 8 least significant bits of the cull mask count (SPV_KHR_ray_query: OpRayQueryInitializeKHR, " \
+    "Cull Mask)"
 
 enum rule {
-    ALL, /* 0xFF */
-    SINGLE, /* one bit: of the instance its index, of the ray a random one */
-    RANDOM, /* any 8 bits */
+    ALL,        /* 0xFF */
+    SINGLE,     /* one bit: of the instance its index, of the ray a random one */
+    RANDOM,     /* any 8 bits */
     NEVER_ZERO, /* any 8 bits but none set */
-    SOME_ZERO, /* a quarter zero, the others 0xFF */
+    SOME_ZERO,  /* a quarter zero, the others 0xFF */
     COMPLEMENT, /* all bits but one */
-    UPPER, /* one bit, and random bits above the 8 */
+    UPPER,      /* one bit, and random bits above the 8 */
     UPPER_ONLY, /* a quarter has bits above the 8 and none below, the others random 8 bits */
-    INDEX, /* the instance's index itself: with 256 instances, every mask */
+    INDEX,      /* the instance's index itself: with 256 instances, every mask */
 };
 
 struct params {
@@ -33,15 +36,24 @@ static uint32_t pick(struct gn_random *random, enum rule rule, uint32_t index)
 {
     uint32_t bits = (uint32_t)gn_random_u64(random);
     switch (rule) {
-    case ALL: return 0xFF;
-    case SINGLE: return 1u << (index & 7);
-    case RANDOM: return bits & 0xFF;
-    case NEVER_ZERO: return (bits & 0xFF) | 1u << (bits >> 8 & 7);
-    case SOME_ZERO: return bits & 3 ? 0xFF : 0;
-    case COMPLEMENT: return 0xFF ^ 1u << (index & 7);
-    case UPPER: return (bits & 0xFFFFFF00u) | 1u << (index & 7);
-    case UPPER_ONLY: return bits & 0x300 ? bits & 0xFF : (bits & 0xFFFFFC00u) | 0x100;
-    case INDEX: return index & 0xFF;
+    case ALL:
+        return 0xFF;
+    case SINGLE:
+        return 1u << (index & 7);
+    case RANDOM:
+        return bits & 0xFF;
+    case NEVER_ZERO:
+        return (bits & 0xFF) | 1u << (bits >> 8 & 7);
+    case SOME_ZERO:
+        return bits & 3 ? 0xFF : 0;
+    case COMPLEMENT:
+        return 0xFF ^ 1u << (index & 7);
+    case UPPER:
+        return (bits & 0xFFFFFF00u) | 1u << (index & 7);
+    case UPPER_ONLY:
+        return bits & 0x300 ? bits & 0xFF : (bits & 0xFFFFFC00u) | 0x100;
+    case INDEX:
+        return index & 0xFF;
     }
     return 0;
 }
@@ -93,25 +105,30 @@ static void masks(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, params->program, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"masks." label, spec, masks, &(const struct params){__VA_ARGS__}, 0}
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "masks." label, spec, masks, &(const struct params){__VA_ARGS__}, 0                                  \
+    }
 static const struct gn_case cases[] = {
     CASE("single_bits", SPEC_AND, 8, SINGLE, SINGLE, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("single_bits_repeated", SPEC_AND, 64, SINGLE, SINGLE, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("all_but_one", SPEC_AND, 16, COMPLEMENT, SINGLE, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("random_pairs", SPEC_AND, 32, NEVER_ZERO, NEVER_ZERO, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("every_mask", SPEC_AND, 256, INDEX, RANDOM, GN_CTS_COMMITTED, 1, 0, false, false),
-    CASE("zero_instance", "an instance of mask 0 is never met (Vulkan: ray culling, instance mask)", 16, SOME_ZERO,
-         ALL, GN_CTS_COMMITTED, 1, 0, false, false),
-    CASE("zero_ray", "a ray of cull mask 0 meets nothing (Vulkan: ray culling, instance mask)", 16, ALL, SOME_ZERO,
-         GN_CTS_COMMITTED, 1, 0, false, false),
+    CASE("zero_instance", "an instance of mask 0 is never met (Vulkan: ray culling, instance mask)", 16,
+         SOME_ZERO, ALL, GN_CTS_COMMITTED, 1, 0, false, false),
+    CASE("zero_ray", "a ray of cull mask 0 meets nothing (Vulkan: ray culling, instance mask)", 16, ALL,
+         SOME_ZERO, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("upper_bits", SPEC_LOW, 8, SINGLE, UPPER, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("upper_bits_alone", SPEC_LOW, 16, RANDOM, UPPER_ONLY, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("not_opaque", SPEC_AND, 16, RANDOM, RANDOM, GN_CTS_COMMITTED, 0, 0, false, false),
     CASE("candidates", SPEC_AND, 16, RANDOM, RANDOM, GN_CTS_CANDIDATES, 0, 0, false, false),
     CASE("boxes", SPEC_AND, 16, RANDOM, SINGLE, GN_CTS_CANDIDATES, 0, 0, true, false),
-    CASE("first_hit", SPEC_AND, 16, SINGLE, SINGLE, GN_CTS_COMMITTED, 1, GN_REF_RAY_TERMINATE_ON_FIRST_HIT, false,
-         false),
-    CASE("updated", "an update takes the masks that the instances have then (Vulkan: VkAccelerationStructureInstanceKHR)",
-         16, NEVER_ZERO, NEVER_ZERO, GN_CTS_COMMITTED, 1, 0, false, true),
+    CASE("first_hit", SPEC_AND, 16, SINGLE, SINGLE, GN_CTS_COMMITTED, 1, GN_REF_RAY_TERMINATE_ON_FIRST_HIT,
+         false, false),
+    CASE(
+        "updated",
+        "an update takes the masks that the instances have then (Vulkan: VkAccelerationStructureInstanceKHR)",
+        16, NEVER_ZERO, NEVER_ZERO, GN_CTS_COMMITTED, 1, 0, false, true),
 };
 const struct gn_case_family gn_family_masks = {"masks", cases, sizeof cases / sizeof cases[0]};

@@ -2,15 +2,16 @@
 /* The vertex positions of the triangle that was hit. */
 #include "cts/compose.h"
 
-#define SPEC                                                                                                      \
-    "the positions are those of the triangle's vertices in object space, in the application's order, after the " \
-    "geometry transform and before the instance's (VK_KHR_ray_tracing_position_fetch; Vulkan: "                  \
+#define SPEC                                                                                                 \
+    "the positions are those of the triangle's vertices in object space, in the application's order, after " \
+    "the "                                                                                                   \
+    "geometry transform and before the instance's (VK_KHR_ray_tracing_position_fetch; Vulkan: "              \
     "HitTriangleVertexPositionsKHR)"
-#define SPEC_TRANSFORM                                                                                           \
-    "the geometry transform is applied to them at standard floating-point precision, in no given order of "     \
+#define SPEC_TRANSFORM                                                                                       \
+    "the geometry transform is applied to them at standard floating-point precision, in no given order of "  \
     "operations (Vulkan: HitTriangleVertexPositionsKHR)"
-#define SPEC_FLAG                                                                                                \
-    "what ALLOW_DATA_ACCESS gives survives copies and updates (Vulkan: "                                       \
+#define SPEC_FLAG                                                                                            \
+    "what ALLOW_DATA_ACCESS gives survives copies and updates (Vulkan: "                                     \
     "VkBuildAccelerationStructureFlagBitsKHR; acceleration structure copying)"
 
 #define DATA VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR
@@ -66,8 +67,8 @@ static void positions(struct gn_case_run *run, const struct gn_case *self)
         if (params->flags & UPDATE)
             geometry->initial_positions = gn_mesh_moved(arena, &run->random, &mesh, 0.5);
     }
-    struct gn_cts_blas blas = {.geometries = geometries, .geometry_count = geometry_count,
-                               .build_flags = params->flags | DATA};
+    struct gn_cts_blas blas = {
+        .geometries = geometries, .geometry_count = geometry_count, .build_flags = params->flags | DATA};
     for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
         blas.steps[s] = params->steps[s];
     struct gn_cts_instance instances[3];
@@ -82,7 +83,10 @@ static void positions(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_POSITIONS, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"positions." label, spec, positions, &(const struct params){__VA_ARGS__}, 0}
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "positions." label, spec, positions, &(const struct params){__VA_ARGS__}, 0                          \
+    }
 static const struct gn_case cases[] = {
     CASE("plain", SPEC, .flags = 0),
     CASE("without_indices", SPEC, .none = true),
@@ -97,7 +101,8 @@ static const struct gn_case cases[] = {
     CASE("format.r16g16_sfloat", SPEC, .format = VK_FORMAT_R16G16_SFLOAT, .flat = true),
     CASE("format.r16g16b16a16_snorm", SPEC, .format = VK_FORMAT_R16G16B16A16_SNORM),
     CASE("format.r16g16_snorm", SPEC, .format = VK_FORMAT_R16G16_SNORM, .flat = true),
-    CASE("format.transformed_snorm", SPEC_TRANSFORM, .format = VK_FORMAT_R16G16B16A16_SNORM, .transforms = true),
+    CASE("format.transformed_snorm", SPEC_TRANSFORM, .format = VK_FORMAT_R16G16B16A16_SNORM,
+         .transforms = true),
     CASE("compacted", SPEC_FLAG, .flags = COMPACTION, .steps = {GN_CTS_STEP_COMPACT}),
     CASE("cloned", SPEC_FLAG, .steps = {GN_CTS_STEP_CLONE}),
     CASE("serialized", SPEC_FLAG, .steps = {GN_CTS_STEP_SERIALIZE}),

@@ -5,23 +5,26 @@
 #include <float.h>
 #include <math.h>
 
-#define SPEC_OPEN "triangles are met where tmin < t < tmax, the ends excluded (Vulkan: ray intersection candidate determination)"
-#define SPEC_CLOSED                                                                                             \
-    "boxes are candidates where the ray's closed range from tmin to tmax meets them (Vulkan: ray intersection " \
+#define SPEC_OPEN                                                                                            \
+    "triangles are met where tmin < t < tmax, the ends excluded (Vulkan: ray intersection candidate "        \
+    "determination)"
+#define SPEC_CLOSED                                                                                          \
+    "boxes are candidates where the ray's closed range from tmin to tmax meets them (Vulkan: ray "           \
+    "intersection "                                                                                          \
     "candidate determination)"
 #define SPEC_RANGE "no hit is reported outside tmin and tmax (Vulkan: ray traversal, ray definition)"
 
 /* How an end of the range lies to the t of the surface that a ray is aimed at. */
 enum end {
     START, /* 0 */
-    FAR, /* 1000 times t */
+    FAR,   /* 1000 times t */
     INFINITE,
-    LARGEST, /* the largest finite number */
+    LARGEST,  /* the largest finite number */
     SMALLEST, /* the smallest denormal */
-    AT, /* exactly there */
-    NEAR, /* there, or one to three ulp to either side */
-    CLEAR, /* 2^-9 to 2^-15 of t to either side: no rounding excuses an error */
-    OTHER, /* the other end */
+    AT,       /* exactly there */
+    NEAR,     /* there, or one to three ulp to either side */
+    CLEAR,    /* 2^-9 to 2^-15 of t to either side: no rounding excuses an error */
+    OTHER,    /* the other end */
 };
 
 struct params {
@@ -40,23 +43,31 @@ static float end_value(struct gn_random *random, enum end end, float t)
     uint32_t pick = gn_random_below(random, 8);
     float value = t;
     switch (end) {
-    case START: return 0;
-    case FAR: return t > 0 ? t * 1000 : 1000;
-    case INFINITE: return INFINITY;
-    case LARGEST: return FLT_MAX;
-    case SMALLEST: return 0x1p-149f;
+    case START:
+        return 0;
+    case FAR:
+        return t > 0 ? t * 1000 : 1000;
+    case INFINITE:
+        return INFINITY;
+    case LARGEST:
+        return FLT_MAX;
+    case SMALLEST:
+        return 0x1p-149f;
     case AT:
-    case OTHER: return t;
+    case OTHER:
+        return t;
     case NEAR:
         for (uint32_t i = 0; i < (pick >> 1); i++)
             value = nextafterf(value, pick & 1 ? INFINITY : 0);
         return value;
-    case CLEAR: return t * (1 + ldexpf(pick & 1 ? 1 : -1, -9 - (int)gn_random_below(random, 7)));
+    case CLEAR:
+        return t * (1 + ldexpf(pick & 1 ? 1 : -1, -9 - (int)gn_random_below(random, 7)));
     }
     return t;
 }
 
-/* A surface in its slab of the z axis: a quad of two triangles, or two tilted triangles, on a lattice of 1/8. */
+/* A surface in its slab of the z axis: a quad of two triangles, or two tilted triangles, on a lattice of 1/8.
+ */
 static void add_surface(struct gn_random *random, double (*corners)[3], uint32_t index, bool tilted)
 {
     for (int c = 0; c < 6; c++)
@@ -72,8 +83,8 @@ static void add_surface(struct gn_random *random, double (*corners)[3], uint32_t
 }
 
 /* direction = integers / 8 and origin = target - direction * t: no operation rounds. */
-static struct gn_cts_ray exact_ray(struct gn_random *random, const double (*corners)[3], const struct params *params,
-                                   float *out_t)
+static struct gn_cts_ray exact_ray(struct gn_random *random, const double (*corners)[3],
+                                   const struct params *params, float *out_t)
 {
     uint32_t triangle = gn_random_below(random, 2 * SURFACES);
     const double(*v)[3] = &corners[3 * triangle];
@@ -90,7 +101,8 @@ static struct gn_cts_ray exact_ray(struct gn_random *random, const double (*corn
     do {
         for (int a = 0; a < 3; a++)
             direction[a] = params->tilted || a == 2 ? (gn_random_below(random, 17) - 8.0) / 8 : 0;
-        length = sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
+        length =
+            sqrt(direction[0] * direction[0] + direction[1] * direction[1] + direction[2] * direction[2]);
         across = n[0] * direction[0] + n[1] * direction[1] + n[2] * direction[2];
     } while (fabs(across) < 0.3 * length * sqrt(n[0] * n[0] + n[1] * n[1] + n[2] * n[2]) || length == 0);
     double t = params->on_surface ? 0 : (1 + gn_random_below(random, 31)) / 8.0;
@@ -170,7 +182,8 @@ struct box_params {
     enum gn_cts_program program;
 };
 
-/* Boxes one above the other, wide enough for every ray to go through all of them, with faces on the lattice. */
+/* Boxes one above the other, wide enough for every ray to go through all of them, with faces on the lattice.
+ */
 static void boxes(struct gn_case_run *run, const struct gn_case *self)
 {
     const struct box_params *params = self->params;
@@ -190,13 +203,15 @@ static void boxes(struct gn_case_run *run, const struct gn_case *self)
         struct gn_ref_ray *ray = &rays[i].ray;
         struct gn_ref_policy *policy = &rays[i].policy;
         policy->generate_t0 += params->where == ENTRY ? -0.25f : params->where == EXIT ? 0.25f : 0;
-        int exponent = params->min_exponent + (int)gn_random_below(&run->random, (uint32_t)(params->max_exponent -
-                                                                                            params->min_exponent) + 1);
+        int exponent =
+            params->min_exponent +
+            (int)gn_random_below(&run->random, (uint32_t)(params->max_exponent - params->min_exponent) + 1);
         for (int a = 0; a < 3; a++)
             ray->direction[a] = ldexpf(ray->direction[a], exponent);
         policy->generate_t0 = ldexpf(policy->generate_t0, -exponent);
         policy->generate_step = ldexpf(policy->generate_step, -exponent);
-        float t = policy->generate_t0 + policy->generate_step * (float)gn_random_below(&run->random, SURFACES);
+        float t =
+            policy->generate_t0 + policy->generate_step * (float)gn_random_below(&run->random, SURFACES);
         ray->tmin = end_value(&run->random, params->tmin, t);
         ray->tmax = end_value(&run->random, params->tmax, t);
         if (params->tmin == OTHER)
@@ -207,9 +222,15 @@ static void boxes(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, params->program, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"trange." label, spec, triangles, &(const struct params){__VA_ARGS__}, 0}
-#define BOX(label, ...) {"trange.boxes." label, SPEC_CLOSED, boxes, &(const struct box_params){__VA_ARGS__}, 0}
-#define BOTH(label, spec, ...)                                                                                   \
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "trange." label, spec, triangles, &(const struct params){__VA_ARGS__}, 0                             \
+    }
+#define BOX(label, ...)                                                                                      \
+    {                                                                                                        \
+        "trange.boxes." label, SPEC_CLOSED, boxes, &(const struct box_params){__VA_ARGS__}, 0                \
+    }
+#define BOTH(label, spec, ...)                                                                               \
     CASE("axis." label, spec, false, __VA_ARGS__), CASE("tilted." label, spec, true, __VA_ARGS__)
 
 static const struct gn_case cases[] = {

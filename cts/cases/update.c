@@ -2,12 +2,13 @@
 /* Updates (refits) and rebuilds: afterwards the rays meet the new data and nothing of the old. */
 #include "cts/compose.h"
 
-#define SPEC_UPDATE                                                                                              \
-    "an update brings a structure to the data of its inputs, in place or into another structure (Vulkan: "        \
+#define SPEC_UPDATE                                                                                          \
+    "an update brings a structure to the data of its inputs, in place or into another structure (Vulkan: "   \
     "VkBuildAccelerationStructureModeKHR, VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR)"
-#define SPEC_BUILD "a full build replaces what a structure held (Vulkan: VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR)"
-#define SPEC_FLAGS                                                                                               \
-    "build flags trade build time, trace time and memory; they change no result (Vulkan: "                       \
+#define SPEC_BUILD                                                                                           \
+    "a full build replaces what a structure held (Vulkan: VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR)"
+#define SPEC_FLAGS                                                                                           \
+    "build flags trade build time, trace time and memory; they change no result (Vulkan: "                   \
     "VkBuildAccelerationStructureFlagBitsKHR)"
 
 enum { VERTICES = 1, TRANSFORMS = 4, INSTANCES = 8, INACTIVE = 16, FAR = 32, DEGENERATE = 64 };
@@ -40,8 +41,8 @@ static struct gn_cts_geometry mesh_geometry(struct gn_case_run *run, uint32_t wh
 {
     struct gn_arena *arena = &run->arena;
     struct gn_random *random = &run->random;
-    struct gn_mesh mesh = index % 2 ? gn_mesh_blob(arena, random, 8, 12, 0.2)
-                                    : gn_mesh_height_field(arena, random, 10, 0.3);
+    struct gn_mesh mesh =
+        index % 2 ? gn_mesh_blob(arena, random, 8, 12, 0.2) : gn_mesh_height_field(arena, random, 10, 0.3);
     if (what & INACTIVE) {
         mesh = gn_mesh_unshared(arena, &mesh);
         gn_mesh_deactivate(random, &mesh, 0.25);
@@ -82,8 +83,8 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
         struct gn_cts_geometry *geometries = GN_NEW(arena, struct gn_cts_geometry, count);
         for (uint32_t g = 0; g < count; g++)
             geometries[g] = mesh_geometry(run, params->what, b + g);
-        blases[b] = (struct gn_cts_blas){.geometries = geometries, .geometry_count = count,
-                                         .build_flags = params->flags};
+        blases[b] = (struct gn_cts_blas){
+            .geometries = geometries, .geometry_count = count, .build_flags = params->flags};
         for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
             blases[b].steps[s] = params->steps[s];
     }
@@ -109,7 +110,7 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
     for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
         scene.tlas_steps[s] = params->tlas_steps[s];
 
-    uint32_t count = gn_ray_count(run, 16384);
+    uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2.5, true, rays, count);
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
@@ -125,42 +126,58 @@ static void ladder(struct gn_case_run *run, const struct gn_case *self)
     for (uint32_t i = 0; i < RUNGS; i++)
         for (int a = 0; a < 6; a++)
             initial[i][a] = boxes[RUNGS - 1 - i][a] + (params->what & FAR ? 100 : 0);
-    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS, .aabbs = boxes, .aabb_count = RUNGS,
+    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS,
+                                       .aabbs = boxes,
+                                       .aabb_count = RUNGS,
                                        .initial_aabbs = (const float(*)[6])initial};
     struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1, .build_flags = params->flags};
     for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
         blas.steps[s] = params->steps[s];
     struct gn_cts_instance instance = gn_instance_of(0, NULL);
     struct gn_cts_scene scene = gn_scene_make(&blas, 1, &instance, 1);
-    uint32_t count = gn_ray_count(run, 16384);
+    uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_ladder_rays(&run->random, boxes, RUNGS, true, rays, count);
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
-#define CASE(label, spec, ...) {"update." label, spec, update, &(const struct params){__VA_ARGS__}, 0}
-#define BOX(label, spec, ...) {"update.boxes." label, spec, ladder, &(const struct params){__VA_ARGS__}, 0}
-#define FLAGS(label, bits)                                                                                       \
-    CASE("flags." label, SPEC_FLAGS, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = (bits) | UPDATE,        \
-         .steps = {GN_CTS_STEP_REFIT}, .tlas_flags = (bits) | UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),     \
-    CASE("flags." label "_only", SPEC_FLAGS, .flags = (bits), .tlas_flags = (bits))
+#define CASE(label, spec, ...)                                                                               \
+    {                                                                                                        \
+        "update." label, spec, update, &(const struct params){__VA_ARGS__}, 0                                \
+    }
+#define BOX(label, spec, ...)                                                                                \
+    {                                                                                                        \
+        "update.boxes." label, spec, ladder, &(const struct params){__VA_ARGS__}, 0                          \
+    }
+#define FLAGS(label, bits)                                                                                   \
+    CASE("flags." label, SPEC_FLAGS, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = (bits) | UPDATE,    \
+         .steps = {GN_CTS_STEP_REFIT}, .tlas_flags = (bits) | UPDATE,                                        \
+         .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),                                                            \
+        CASE("flags." label "_only", SPEC_FLAGS, .flags = (bits), .tlas_flags = (bits))
 
 static const struct gn_case cases[] = {
     CASE("vertices.in_place", SPEC_UPDATE, .what = VERTICES, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
     CASE("vertices.copy", SPEC_UPDATE, .what = VERTICES, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT_COPY}),
-    CASE("vertices.from_afar", SPEC_UPDATE, .what = VERTICES | FAR, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
+    CASE("vertices.from_afar", SPEC_UPDATE, .what = VERTICES | FAR, .flags = UPDATE,
+         .steps = {GN_CTS_STEP_REFIT}),
     CASE("vertices.chain", SPEC_UPDATE, .what = VERTICES, .flags = UPDATE,
          .steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_COPY, GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_COPY}),
-    CASE("vertices.inactive", "what was inactive stays so (Vulkan: vkCmdBuildAccelerationStructuresKHR, pInfos-03663)",
+    CASE("vertices.inactive",
+         "what was inactive stays so (Vulkan: vkCmdBuildAccelerationStructuresKHR, pInfos-03663)",
          .what = VERTICES | INACTIVE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
-    CASE("vertices.degenerate", "a triangle may become degenerate or cease to be (Vulkan: degenerate primitives and instances)",
+    CASE("vertices.degenerate",
+         "a triangle may become degenerate or cease to be (Vulkan: degenerate primitives and instances)",
          .what = DEGENERATE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
-    CASE("transforms.in_place", SPEC_UPDATE, .what = TRANSFORMS, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
-    CASE("transforms.copy", SPEC_UPDATE, .what = TRANSFORMS | FAR, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT_COPY}),
+    CASE("transforms.in_place", SPEC_UPDATE, .what = TRANSFORMS, .flags = UPDATE,
+         .steps = {GN_CTS_STEP_REFIT}),
+    CASE("transforms.copy", SPEC_UPDATE, .what = TRANSFORMS | FAR, .flags = UPDATE,
+         .steps = {GN_CTS_STEP_REFIT_COPY}),
     CASE("transforms.and_vertices", SPEC_UPDATE, .what = VERTICES | TRANSFORMS, .flags = UPDATE,
          .steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT}),
-    CASE("instances.in_place", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT}),
-    CASE("instances.copy", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),
+    CASE("instances.in_place", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT}),
+    CASE("instances.copy", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),
     CASE("instances.from_afar", SPEC_UPDATE, .what = INSTANCES | FAR, .tlas_flags = UPDATE,
          .tlas_steps = {GN_CTS_STEP_REFIT}),
     CASE("instances.chain", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE,
@@ -177,7 +194,8 @@ static const struct gn_case cases[] = {
          .tlas_steps = {GN_CTS_STEP_REBUILD, GN_CTS_STEP_REFIT_COPY}),
     BOX("in_place", SPEC_UPDATE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
     BOX("copy", SPEC_UPDATE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT_COPY}),
-    BOX("from_afar", SPEC_UPDATE, .what = FAR, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT}),
+    BOX("from_afar", SPEC_UPDATE, .what = FAR, .flags = UPDATE,
+        .steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT}),
     BOX("rebuild", SPEC_BUILD, .what = FAR, .steps = {GN_CTS_STEP_REBUILD}),
     FLAGS("fast_trace", TRACE),
     FLAGS("fast_build", BUILD),
