@@ -85,6 +85,17 @@ const char *gn_device_validation_first(const struct gn_device *device)
     return device->validation_first;
 }
 
+enum gn_device_status gn_device_layers_check(struct gn_device *device)
+{
+    const uint64_t count = device->validation_count - device->validation_told;
+    device->validation_told = device->validation_count;
+    if (count == 0) {
+        return GN_DEVICE_OK;
+    }
+    return gn_device_fail(device, GN_DEVICE_FAILED, "a layer reports (%llu message%s, this is the last): %s",
+                          (unsigned long long)count, count == 1 ? "" : "s", device->validation_latest);
+}
+
 double gn_seconds_now(void)
 {
     struct timespec now;
@@ -101,12 +112,13 @@ static VKAPI_ATTR VkBool32 VKAPI_CALL heard(VkDebugUtilsMessageSeverityFlagBitsE
     (void)severity;
     (void)types;
     struct gn_device *device = user;
+    const char *message = data->pMessage ? data->pMessage : "";
+    snprintf(device->validation_latest, sizeof device->validation_latest, "%s", message);
     if (device->validation_count++ == 0) {
-        snprintf(device->validation_first, sizeof device->validation_first, "%s",
-                 data->pMessage ? data->pMessage : "");
+        snprintf(device->validation_first, sizeof device->validation_first, "%s", message);
     }
     if (device->validation_count <= SHOWN_MESSAGES) {
-        fprintf(stderr, "gnomon: a layer reports: %s\n", data->pMessage ? data->pMessage : "");
+        fprintf(stderr, "gnomon: a layer reports: %s\n", message);
     }
     return VK_FALSE;
 }
@@ -180,8 +192,7 @@ static VkResult instance_create(struct gn_device *device)
         .sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_MESSENGER_CREATE_INFO_EXT,
         .messageSeverity =
             VK_DEBUG_UTILS_MESSAGE_SEVERITY_WARNING_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT,
-        .messageType =
-            VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT | VK_DEBUG_UTILS_MESSAGE_TYPE_PERFORMANCE_BIT_EXT,
+        .messageType = VK_DEBUG_UTILS_MESSAGE_TYPE_VALIDATION_BIT_EXT,
         .pfnUserCallback = heard,
         .pUserData = device,
     };

@@ -86,8 +86,8 @@ struct gn_device {
 #undef X
 
     VkDebugUtilsMessengerEXT messenger;
-    uint64_t validation_count;
-    char validation_first[1024];
+    uint64_t validation_count, validation_told; /* heard of; those that a status has told of */
+    char validation_first[1024], validation_latest[1024];
 
     VkDescriptorSetLayout set_layout;
     VkDescriptorPool descriptor_pool;
@@ -115,6 +115,12 @@ void gn_device_barrier(struct gn_device *device);
 enum gn_device_status gn_device_submit(struct gn_device *device);
 
 double gn_seconds_now(void);
+
+/*
+ * FAILED with what a layer has said since the last call, or OK: so that a suite that runs above a layer shows
+ * its messages as errors of the case that caused them.
+ */
+enum gn_device_status gn_device_layers_check(struct gn_device *device);
 
 /*
  * Warnings and errors that layers (Khronos' validation, Gnomon's own) have reported on this device since it

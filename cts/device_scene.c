@@ -553,6 +553,9 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
     gn_pool_poison(&built->inputs);
     gn_pool_finish(device, &built->scratch);
     gn_pool_finish(device, &built->serialized);
+    if ((status = gn_device_layers_check(device)) != GN_DEVICE_OK) {
+        goto fail;
+    }
     *out_built = built;
     return GN_DEVICE_OK;
 

@@ -314,7 +314,7 @@ enum gn_device_status gn_scene_trace(struct gn_built_scene *built, enum gn_cts_p
             memcpy(extra + (size_t)first * traits->extra_bytes, device->trace.extra.mapped, count * traits->extra_bytes);
         }
     }
-    return GN_DEVICE_OK;
+    return gn_device_layers_check(device);
 }
 
 void gn_trace_finish(struct gn_device *device)

@@ -715,6 +715,14 @@ static void layers_have_nothing_to_say(void **state)
     gn_pool_finish(device, &pool);
     assert_true(gn_device_validation_count(device) > 0);
     assert_non_null(strstr(gn_device_validation_first(device), "WRITE_AFTER_WRITE"));
+    /* What a layer says makes the next scene fail, once. */
+    struct gn_arena arena = {0};
+    struct gn_cts_answers answers;
+    const struct way plain = {.name = "plain"};
+    assert_int_equal(way_trace(&plain, VK_FORMAT_UNDEFINED, &arena, &answers), GN_DEVICE_FAILED);
+    assert_non_null(strstr(gn_device_message(device), "a layer reports (1 message"));
+    assert_int_equal(way_trace(&plain, VK_FORMAT_UNDEFINED, &arena, &answers), GN_DEVICE_OK);
+    gn_arena_finish(&arena);
 }
 
 static int device_open(void **state)
