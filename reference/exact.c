@@ -231,7 +231,7 @@ struct gn_ref_signs gn_ref_triangle_exact(struct gn_ref_exact *exact, const stru
     mpz_add(exact->edge[3], exact->edge[0], exact->edge[1]);
     mpz_add(exact->edge[3], exact->edge[3], exact->edge[2]);
     signs.sum = mpz_sgn(exact->edge[3]);
-    if (!gn_ref_signs_meet(&signs))
+    if (signs.sum == 0)
         return signs;
 
     /* cross is A x B here. With the weight w of A, B, C: t = (T / w^3) / (sum / w^2 * 2^exponent). */

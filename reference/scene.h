@@ -41,11 +41,17 @@ enum {
  * Triangles: the exact vertex is positions[i] / divisor. `divisor` is 1 for the floating point formats and
  * 32767 (or 127, ...) for the signed normalised ones, whose positions are then the integers themselves: so
  * every encodable vertex is represented without rounding. It has to be positive and finite. A triangle one
- * of whose vertices has a NaN in x is inactive: it is never hit and still counts in the primitive ids.
+ * of whose vertices has a NaN in x is inactive: it is never hit and still counts in the primitive ids. The
+ * vertices of active triangles have to be finite (the API leaves a NaN in y or z alone undefined); those that
+ * no active triangle uses are not looked at.
  *
- * `transform` is the geometry transform (VkTransformMatrixKHR: 3 rows of 4), or NULL for none.
+ * `transform` is the geometry transform (VkTransformMatrixKHR: 3 rows of 4), or NULL for none. A singular one
+ * makes every triangle degenerate.
  *
- * AABBs: min x, y, z, then max x, y, z. A NaN in min x makes the box inactive.
+ * AABBs: min x, y, z, then max x, y, z. A NaN in min x makes the box inactive; an active one has to be finite.
+ * A box with min > max along an axis is empty and never hit.
+ *
+ * Arrays may be NULL where primitive_count is 0. What belongs to the other type is ignored.
  */
 struct gn_ref_geometry {
     enum gn_ref_geometry_type type;
@@ -65,7 +71,7 @@ struct gn_ref_instance {
     uint32_t mask; /* 8 bits */
     uint32_t sbt_offset; /* 24 bits */
     uint32_t flags; /* GN_REF_INSTANCE_* */
-    uint32_t blas; /* what gn_ref_scene_add_blas() gave, or GN_REF_NULL_BLAS */
+    uint32_t blas; /* what gn_ref_scene_add_blas() gave, or GN_REF_NULL_BLAS: then the transform is not looked at */
 };
 
 /* NULL when memory is short. */
@@ -74,17 +80,24 @@ void gn_ref_scene_destroy(struct gn_ref_scene *scene);
 
 /*
  * Adds a BLAS and gives its index in *out_blas. False, with a message to be had from gn_ref_scene_error(),
- * on a bad index, a non-finite divisor or transform, an infinite vertex, or lack of memory.
+ * on an array that is missing, an index beyond position_count, an unknown type or flag, a divisor, transform,
+ * vertex or box that is not as struct gn_ref_geometry asks, or lack of memory. The scene then is as before.
  */
 bool gn_ref_scene_add_blas(struct gn_ref_scene *scene, const struct gn_ref_geometry *geometries,
                            uint32_t geometry_count, uint32_t *out_blas);
 
-/* Adds an instance; its id is the number of instances added before it. */
+/*
+ * Adds an instance; its id is the number of instances added before it. False, with a message, on an unknown
+ * BLAS, a transform that is not finite, a value that exceeds its bits, unknown flags, FORCE_OPAQUE together with
+ * FORCE_NO_OPAQUE, or lack of memory.
+ */
 bool gn_ref_scene_add_instance(struct gn_ref_scene *scene, const struct gn_ref_instance *instance);
 
 /*
  * Prepares the scene for tracing. Afterwards nothing may be added, and any number of threads may trace.
- * A singular instance transform is an error (the API forbids it).
+ * A singular instance transform is an error (the API forbids it; the determinant's sign is decided exactly), and so
+ * is lack of memory: every instance's primitives are placed in the world, about 130 bytes each, and there may be
+ * fewer than 2^30 of them. After a failure the scene can only be asked for its error and destroyed.
  */
 bool gn_ref_scene_commit(struct gn_ref_scene *scene);
 

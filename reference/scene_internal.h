@@ -147,7 +147,7 @@ struct gn_ref_signs {
     int sum;
 };
 /*
- * The signs, and, when the line meets the triangle (gn_ref_signs_meet()), exact->t, exact->edge.
+ * The signs, exact->edge, and, when the line is not parallel to the triangle (signs.sum), exact->t.
  */
 struct gn_ref_signs gn_ref_triangle_exact(struct gn_ref_exact *exact, const struct gn_ref_scene *scene,
                                           const struct gn_ref_primitive *primitive, const struct gn_ref_ray *ray);

@@ -108,21 +108,26 @@ static void trace_end(struct trace *trace)
     gn_ref_environment_leave(&trace->environment);
 }
 
-/* The exact t (of a box: the entry clipped to tmin) of something that the ray is known to meet. */
-static void exact_t(struct trace *trace, uint32_t id, struct gn_ref_ratio *out)
+/*
+ * The exact t at which the line meets a triangle's plane or (clipped to tmin) enters a box that the ray is known to
+ * meet. False when it is parallel to the triangle.
+ */
+static bool exact_t(struct trace *trace, uint32_t id, struct gn_ref_ratio *out)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
     const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
     const struct gn_ref_ray *ray = trace->setup.ray;
     trace->exact_count++;
     if (id < trace->scene->triangle_count) {
-        gn_ref_triangle_exact(exact, trace->scene, primitive, ray);
+        if (gn_ref_triangle_exact(exact, trace->scene, primitive, ray).sum == 0)
+            return false;
     } else {
         gn_ref_box_exact(exact, trace->scene, primitive, ray);
         if (gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) < 0)
             gn_ref_ratio_set_f64(&exact->t, ray->tmin);
     }
     gn_ref_ratio_set(out, &exact->t);
+    return true;
 }
 
 static int compare_exact_t(struct trace *trace, uint32_t a, uint32_t b)
@@ -131,9 +136,9 @@ static int compare_exact_t(struct trace *trace, uint32_t a, uint32_t b)
     struct gn_ref_ratio first;
     mpz_init(first.numerator);
     mpz_init(first.denominator);
-    exact_t(trace, a, &first);
-    exact_t(trace, b, &exact->t);
-    int order = gn_ref_ratio_compare(exact, &first, &exact->t);
+    int order = 0;
+    if (exact_t(trace, a, &first) && exact_t(trace, b, &exact->t))
+        order = gn_ref_ratio_compare(exact, &first, &exact->t);
     mpz_clear(first.numerator);
     mpz_clear(first.denominator);
     return order;
@@ -184,7 +189,8 @@ static bool same_position(const struct gn_ref_geometry *geometry, uint32_t a, ui
 
 /*
  * Two triangles of one geometry of one instance that the line meets in an edge they share, or in a vertex they share,
- * are met at the same t. That is the usual tie, and settled without computing t.
+ * are met at the same t. That is the usual tie, and settled without computing t. (On the edge's line beyond its ends
+ * that holds as well: the ray's line meets it once, being parallel to neither triangle.)
  */
 static bool meets_shared_feature(const struct trace *trace, const struct found *a, const struct found *b)
 {
@@ -208,9 +214,8 @@ static bool meets_shared_feature(const struct trace *trace, const struct found *
     return true;
 }
 
-static int compare_found(struct trace *trace, struct found *a, struct found *b)
+static int compare_t(struct trace *trace, struct found *a, struct found *b)
 {
-    int order = 0;
     if (a->id == b->id)
         return 0;
     for (int attempt = 0; attempt < 2; attempt++) {
@@ -223,10 +228,15 @@ static int compare_found(struct trace *trace, struct found *a, struct found *b)
             sharpen(trace, b);
         }
     }
-    bool same_value = a->t.lower == a->t.upper && b->t.lower == b->t.upper;
-    if (!same_value && !meets_shared_feature(trace, a, b))
-        order = compare_exact_t(trace, a->id, b->id);
-    if (order != 0)
+    if ((a->t.lower == a->t.upper && b->t.lower == b->t.upper) || meets_shared_feature(trace, a, b))
+        return 0;
+    return compare_exact_t(trace, a->id, b->id);
+}
+
+static int compare_found(struct trace *trace, struct found *a, struct found *b)
+{
+    int order = compare_t(trace, a, b);
+    if (order != 0 || a->id == b->id)
         return order;
     const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
     if (p->instance != q->instance)
@@ -649,10 +659,11 @@ int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref
     struct trace trace;
     if (!trace_begin(&trace, scene, ray))
         return 0;
-    uint32_t first = find_triangle(scene, a), second = find_triangle(scene, b);
+    struct found first = {.id = find_triangle(scene, a), .t = {-INFINITY, INFINITY}};
+    struct found second = {.id = find_triangle(scene, b), .t = {-INFINITY, INFINITY}};
     int order = 0;
-    if (first != GN_REF_NONE && second != GN_REF_NONE && first != second)
-        order = compare_exact_t(&trace, first, second);
+    if (first.id != GN_REF_NONE && second.id != GN_REF_NONE)
+        order = compare_t(&trace, &first, &second);
     trace_end(&trace);
     return order;
 }

@@ -25,7 +25,7 @@ enum {
 
 /*
  * Finite origin and direction, direction not zero, 0 <= tmin <= tmax, neither NaN; tmax may be +inf.
- * Only the low 8 bits of cull_mask count.
+ * Only the low 8 bits of cull_mask count. Combinations of flags that the API excludes are taken by their parts.
  */
 struct gn_ref_ray {
     float origin[3];
@@ -39,12 +39,15 @@ struct gn_ref_ray {
 /*
  * One primitive met by a ray.
  *
- * Triangles: t and the barycentrics of the second and third vertex, each with an absolute error of at most
- * 2^-40 times the largest of its own magnitude and (for the barycentrics) 1. `front` is the facing as the
- * API defines it, after instance flags.
+ * Triangles: t, with a relative error of at most 2^-40; beta and gamma, the barycentrics of the second and third
+ * vertex, with an absolute error of at most 2^-40. `front` is the facing as the API defines it, after instance
+ * flags. t_exit is t.
  *
- * AABBs: t and t_exit are the ends of the ray's stay inside the box, not clipped by tmin and tmax (t may be
- * negative); beta and gamma are 0.
+ * AABBs: t and t_exit are the ends of the stay of the ray's line inside the box, not clipped by tmin and tmax (t
+ * may be negative), each with a relative error of at most 2^-40; beta and gamma are 0, front is false.
+ *
+ * A t beyond f64's range (no input of f32 vertices and f32 transforms has one below 2^-1000 or above 2^1000
+ * except 0) comes out as infinite or 0.
  */
 struct gn_ref_hit {
     enum gn_ref_geometry_type type;
@@ -68,9 +71,10 @@ struct gn_ref_hit {
  *
  * In the order of exact t (of AABBs: the entry clipped to tmin), ties in the order of instance, geometry,
  * primitive. TERMINATE_ON_FIRST_HIT has no influence. At most `capacity` are written, the nearest ones; the
- * number found is returned. -1 when memory is short or the ray is not valid.
+ * number found is returned. out_hits may be NULL when capacity is 0. -1 when memory is short, the ray is not valid
+ * or the scene not committed. (GMP ends the process when the few kilobytes of its numbers cannot be had.)
  *
- * Thread-safe on a committed scene.
+ * Thread-safe on a committed scene. The caller's rounding mode and denormal flushing have no influence and are kept.
  */
 int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                                struct gn_ref_hit *out_hits, size_t capacity);
@@ -83,8 +87,9 @@ int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const 
                                         struct gn_ref_hit *out_hit);
 
 /*
- * Compares the exact t of two triangles (named by instance, geometry and primitive) along a ray whose line is
- * not parallel to either: -1, 0 or 1.
+ * Compares the exact t at which the ray's line meets the planes of two triangles (named by instance, geometry and
+ * primitive): -1, 0 or 1. 0 too when one is unknown, inactive, degenerate or parallel to the line. Flags, mask, tmin
+ * and tmax make no difference, but have to be valid.
  */
 int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                            const struct gn_ref_hit *a, const struct gn_ref_hit *b);

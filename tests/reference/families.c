@@ -476,6 +476,20 @@ static void make_flags(struct made_scene *made, struct rng *rng, uint32_t triang
     }
 }
 
+/*
+ * Placed where f64 has no room for the last bits of a vertex, which are as large as what rays nudged off the lattice
+ * miss its edges by: whoever takes the rounded vertex for the exact one is wrong here.
+ */
+static void make_placed_inexactly(struct made_scene *made, struct rng *rng, uint32_t triangles)
+{
+    make_lattice(made, rng, triangles);
+    float *m = made->scene.instances[0].transform;
+    for (int i = 0; i < 3; i++) {
+        m[4 * i + 3] = (float)((rng_below(rng, 2) ? 1 : -1) * 0x1p16);
+        m[4 * i + (i + 1) % 3] = (float)ldexp(rng_below(rng, 2) ? 1 : -1, -36 - (int)rng_below(rng, 4));
+    }
+}
+
 /* World coordinates beyond f32: only the exact stage and infinite bounds are left. */
 static void make_beyond(struct made_scene *made, struct rng *rng, uint32_t triangles)
 {
@@ -506,6 +520,7 @@ const struct family families[] = {
     {"instances", make_instanced, 1500, RAYS_RANGE},
     {"nearly singular", make_nearly_singular, 800, RAYS_ON_SURFACE},
     {"geometry transforms", make_geometry_transforms, 1000, RAYS_SCALED},
+    {"placed inexactly", make_placed_inexactly, 500, RAYS_EXACT | RAYS_NUDGED},
     {"boxes", make_boxes, 300, RAYS_EXACT | RAYS_AXIS | RAYS_RANGE},
     {"flags and masks", make_flags, 300, RAYS_EXACT | RAYS_FLAGS},
     {"on surfaces", make_lattice, 800, RAYS_EXACT | RAYS_ON_SURFACE | RAYS_AXIS | RAYS_FLAGS},
@@ -607,6 +622,11 @@ struct gn_ref_ray made_ray(const struct made_scene *made, const struct family *f
         ray.direction[j] = direction[j] == 0 ? 0 : finite_f32(along);
         if (direction[j] == 0)
             ray.origin[j] = finite_f32(target[j]);
+    }
+    if (exact && (family->options & RAYS_NUDGED)) {
+        uint32_t j = rng_below(rng, 3);
+        ray.origin[j] = finite_f32(target[j]);
+        ray.direction[j] = (float)(made->grid * ldexp((int)rng_below(rng, 17) - 8, -36 - (int)rng_below(rng, 6)));
     }
     if ((family->options & RAYS_SCALED) && rng_below(rng, 2)) {
         int exponent = (int)rng_below(rng, 280) - 150;

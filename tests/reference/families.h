@@ -40,6 +40,7 @@ enum {
     RAYS_ON_SURFACE = 16, /* origins on vertices, edges and faces */
     RAYS_AXIS = 32, /* along axes and faces of boxes */
     RAYS_FAR = 64, /* from far away */
+    RAYS_NUDGED = 128, /* a zero of the direction replaced by about 2^-40 */
 };
 extern const struct family families[];
 extern const uint32_t family_count;

@@ -37,7 +37,7 @@ int main(int argc, char **argv)
     struct proof_options options = {.seed = 1, .threads = 2};
     double rays = 1e6, large_rays = 0;
     const char *only = NULL;
-    for (int i = 1; i < argc; i++) {
+    for (int i = 1; i < argc; i += 2) {
         const char *value = i + 1 < argc ? argv[i + 1] : NULL;
         if (value && strcmp(argv[i], "--rays") == 0)
             rays = atof(value);
@@ -54,7 +54,6 @@ int main(int argc, char **argv)
                             "  --rays: in all families together; --large: against 131,072 triangles\n");
             return 2;
         }
-        i++;
     }
     struct proof_counts total = {0};
     double start = seconds();
