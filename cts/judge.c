@@ -315,7 +315,11 @@ static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const
     result->rays++;
     result->ideal_hits += verdict.ideal_hit;
     result->class_counts[verdict.cls]++;
-    if (answer->kind == GN_REF_ANSWER_TRIANGLE)
+    /* The error of a hit on a primitive that is not there says nothing about rounding. */
+    bool elsewhere = verdict.cls == GN_REF_WRONG &&
+                     !(verdict.ideal_hit && verdict.ideal.instance == answer->instance &&
+                       verdict.ideal.geometry == answer->geometry && verdict.ideal.primitive == answer->primitive);
+    if (answer->kind == GN_REF_ANSWER_TRIANGLE && !elsewhere)
         sample_add(run, hit_error);
     if (verdict.cls < GN_REF_GAP && verdict.margin > result->margin_max)
         result->margin_max = verdict.margin;
