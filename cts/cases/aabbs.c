@@ -7,15 +7,15 @@
 #define SPEC_CANDIDATE                                                                                       \
     "every box that a ray meets within its range is a candidate; others may be, because boxes may be "       \
     "enlarged "                                                                                              \
-    "(Vulkan: ray intersection candidate determination; VkAabbPositionsKHR)"
+    "(Vulkan: Ray Intersection Candidate Determination; VkAabbPositionsKHR)"
 #define SPEC_NEAREST                                                                                         \
-    "the nearest of the hits that were generated is committed (Vulkan: ray intersection confirmation; "      \
+    "the nearest of the hits that were generated is committed (Vulkan: Ray Closest Hit Determination; "      \
     "SPV_KHR_ray_query: OpRayQueryGenerateIntersectionKHR)"
 #define SPEC_INSIDE                                                                                          \
-    "a ray that starts inside a box meets it (Vulkan: ray intersection candidate determination)"
+    "a ray that starts inside a box meets it (Vulkan: Ray Intersection Candidate Determination)"
 #define SPEC_STRIDE                                                                                          \
     "stride is in bytes from box to box (Vulkan: VkAccelerationStructureGeometryAabbsDataKHR::stride)"
-#define SPEC_INACTIVE "a box whose least x is NaN is inactive (Vulkan: inactive primitives and instances)"
+#define SPEC_INACTIVE "a box whose least x is NaN is inactive (Vulkan: Inactive Primitives and Instances)"
 #define SPEC_DUPLICATE "NO_DUPLICATE_ANY_HIT_INVOCATION loses no box (Vulkan: VkGeometryFlagBitsKHR)"
 
 /* Ladders: hits are generated in the middle of the rungs that the policy wants. */

@@ -5,16 +5,16 @@
 #define SPEC_LIST                                                                                            \
     "every triangle that is not opaque and that the ray meets before the committed hit is a candidate "      \
     "(Vulkan: "                                                                                              \
-    "ray intersection candidate determination; SPV_KHR_ray_query: OpRayQueryProceedKHR)"
+    "Ray Intersection Candidate Determination; SPV_KHR_ray_query: OpRayQueryProceedKHR)"
 #define SPEC_OPAQUE                                                                                          \
-    "an opaque triangle is committed without being presented (Vulkan: ray opacity and any-hit; "             \
+    "an opaque triangle is committed without being presented (Vulkan: Ray Opacity Culling; "                 \
     "SPV_KHR_ray_query: OpRayQueryProceedKHR)"
 #define SPEC_DUPLICATE                                                                                       \
     "a triangle of a geometry with NO_DUPLICATE_ANY_HIT_INVOCATION is presented at most once (Vulkan: "      \
     "VkGeometryFlagBitsKHR)"
 #define SPEC_CONFIRM                                                                                         \
     "the nearest of the confirmed candidates and the opaque hits is committed, whatever the order in which " \
-    "they were presented (Vulkan: ray intersection confirmation; SPV_KHR_ray_query: "                        \
+    "they were presented (Vulkan: Ray Closest Hit Determination; SPV_KHR_ray_query: "                        \
     "OpRayQueryConfirmIntersectionKHR)"
 
 enum shape { LAYERS, SOUP, NEEDLES, CLOSED };

@@ -9,7 +9,7 @@
 #define SPEC_SERIALIZE                                                                                       \
     "a structure that was serialized and deserialized is like its source (Vulkan: "                          \
     "vkCmdCopyAccelerationStructureToMemoryKHR, vkCmdCopyMemoryToAccelerationStructureKHR)"
-#define SPEC_CHAIN "a copy can be copied or updated again (Vulkan: acceleration structure copying)"
+#define SPEC_CHAIN "a copy can be copied or updated again (Vulkan: Copying Acceleration Structures)"
 #define SPEC_GENERIC                                                                                         \
     "a structure of the generic type takes any level (Vulkan: VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR)"
 
@@ -129,7 +129,8 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     }
 static const struct gn_case cases[] = {
     CASE("none",
-         "what the copies are compared with: the same scenes without one (Vulkan: acceleration structures)",
+         "what the copies are compared with: the same scenes without one (Vulkan: Building Acceleration "
+         "Structures)",
          0),
     CASE("compact.blas", SPEC_COMPACT, .flags = COMPACTION, .steps = {COMPACT}),
     CASE("compact.tlas", SPEC_COMPACT, .tlas_flags = COMPACTION, .tlas_steps = {COMPACT}),
@@ -165,7 +166,7 @@ static const struct gn_case cases[] = {
          .tlas_flags = UPDATE, .tlas_steps = {SERIALIZE, REFIT, SERIALIZE}),
     CASE(
         "inactive",
-        "inactive primitives are none the less counted in a copy (Vulkan: inactive primitives and instances)",
+        "inactive primitives are none the less counted in a copy (Vulkan: Inactive Primitives and Instances)",
         .flags = COMPACTION, .steps = {COMPACT, CLONE, SERIALIZE}, .inactive = true),
     CASE("generic.blas", SPEC_GENERIC, .generic = true),
     CASE("generic.tlas", SPEC_GENERIC, .tlas_generic = true),

@@ -5,7 +5,7 @@
 #define SPEC_FACING                                                                                          \
     "a triangle's facing is that of its winding in object space, seen from the ray's origin; an instance "   \
     "transform does not change it, a geometry transform that mirrors does (Vulkan: "                         \
-    "VkGeometryInstanceFlagBitsKHR; ray culling, face culling)"
+    "VkGeometryInstanceFlagBitsKHR; Ray Face Culling)"
 #define SPEC_DISABLE                                                                                         \
     "TRIANGLE_FACING_CULL_DISABLE takes an instance out of face culling (Vulkan: "                           \
     "VkGeometryInstanceFlagBitsKHR)"
@@ -15,13 +15,12 @@
 #define SPEC_OPACITY                                                                                         \
     "the geometry's OPAQUE flag is overridden by the instance's FORCE flags, and those by the ray's Opaque " \
     "and "                                                                                                   \
-    "NoOpaque (Vulkan: ray opacity and any-hit, geometry opacity)"
+    "NoOpaque (Vulkan: Ray Opacity Culling)"
 #define SPEC_CULL_OPACITY                                                                                    \
-    "CullOpaque and CullNoOpaque drop primitives by their final opacity (Vulkan: ray culling, opacity "      \
-    "culling)"
+    "CullOpaque and CullNoOpaque drop primitives by their final opacity (Vulkan: Ray Opacity Culling)"
 #define SPEC_SKIP                                                                                            \
-    "SkipTriangles and SkipAABBs drop all primitives of that kind (Vulkan: ray culling, primitive culling)"
-#define SPEC_FIRST "TerminateOnFirstHit ends the query at any one committed hit (Vulkan: ray flags)"
+    "SkipTriangles and SkipAABBs drop all primitives of that kind (Vulkan: Ray Primitive Culling)"
+#define SPEC_FIRST "TerminateOnFirstHit ends the query at any one committed hit (SPIR-V: Ray Flags)"
 
 enum mirror { PLAIN, GEOMETRY, INSTANCE, BOTH, MIXED };
 /* What an instance's flags are drawn from, at random where there are several. */
@@ -222,7 +221,7 @@ static const struct gn_case cases[] = {
          GN_CTS_CANDIDATES),
     CASE("facing.cull_back_candidates", SPEC_FACING, NOT_OPAQUE | TRIANGLES, MIXED, ANY_FACING,
          GN_REF_RAY_CULL_BACK_FACING, false, false, GN_CTS_CANDIDATES),
-    CASE("facing.boxes", "face culling is of triangles only (Vulkan: ray culling, face culling)",
+    CASE("facing.boxes", "face culling is of triangles only (Vulkan: Ray Face Culling)",
          OPAQUE | TRIANGLES | BOXES, MIXED, ANY_FACING, GN_REF_RAY_CULL_FRONT_FACING, false, false,
          GN_CTS_COMMITTED),
     OPACITY("none", SPEC_OPACITY, 0),
@@ -249,14 +248,14 @@ static const struct gn_case cases[] = {
     FIRST("mixed", OPAQUE | NOT_OPAQUE | TRIANGLES, GN_CTS_COMMITTED),
     FIRST("boxes", NOT_OPAQUE | BOXES, GN_CTS_COMMITTED),
     CASE("skip_closest_hit_shader",
-         "SkipClosestHitShader makes no difference to a ray query (Vulkan: ray flags)",
+         "SkipClosestHitShader makes no difference to a ray query (SPIR-V: Ray Flags)",
          OPAQUE | NOT_OPAQUE | TRIANGLES, PLAIN, ANY_FORCE, GN_REF_RAY_SKIP_CLOSEST_HIT_SHADER, false, true,
          GN_CTS_COMMITTED),
     CASE("random",
-         "any allowed combination of ray, instance and geometry flags (Vulkan: ray culling; ray opacity)",
+         "any allowed combination of ray, instance and geometry flags (Vulkan: Ray Intersection Culling)",
          OPAQUE | NOT_OPAQUE | TRIANGLES | BOXES, MIXED, ANY, 0, true, true, GN_CTS_COMMITTED),
     CASE("random_candidates",
-         "any allowed combination of ray, instance and geometry flags (Vulkan: ray culling)",
+         "any allowed combination of ray, instance and geometry flags (Vulkan: Ray Intersection Culling)",
          OPAQUE | NOT_OPAQUE | TRIANGLES | BOXES, MIXED, ANY, 0, true, true, GN_CTS_CANDIDATES),
 };
 const struct gn_case_family gn_family_flags = {"flags", cases, sizeof cases / sizeof cases[0]};

@@ -3,7 +3,7 @@
 #include "cts/compose.h"
 
 #define SPEC_REQUIRED                                                                                        \
-    "six vertex formats have to be taken (Vulkan: required format support, "                                 \
+    "six vertex formats have to be taken (Vulkan: Required Format Support, "                                 \
     "VK_FORMAT_FEATURE_ACCELERATION_STRUCTURE_VERTEX_BUFFER_BIT_KHR; "                                       \
     "VkAccelerationStructureGeometryTrianglesDataKHR::vertexFormat)"
 #define SPEC_OPTIONAL                                                                                        \

@@ -12,8 +12,8 @@
     "a geometry without primitives is allowed and counts (Vulkan: "                                          \
     "VkAccelerationStructureBuildRangeInfoKHR::primitiveCount)"
 #define SPEC_INACTIVE                                                                                        \
-    "inactive primitives give no hits and still count in the ids (Vulkan: inactive primitives and "          \
-    "instances)"
+    "inactive primitives give no hits and still count in the ids (Vulkan: Inactive Primitives and "          \
+    "Instances)"
 
 enum {
     EMPTY = 1,
@@ -124,7 +124,7 @@ static const struct gn_case cases[] = {
     CASE("flags", SPEC_OWN, .geometries = 8, .mix = FLAGS),
     CASE("indices", SPEC_OWN, .geometries = 9, .mix = INDICES),
     CASE("inactive", SPEC_INACTIVE, .geometries = 8, .mix = INACTIVE),
-    CASE("coincident", "of coincident triangles one is committed (Vulkan: ray intersection confirmation)",
+    CASE("coincident", "of coincident triangles one is committed (Vulkan: Ray Closest Hit Determination)",
          .geometries = 8, .mix = DUPLICATES),
     CASE("several_structures", SPEC_INDEX, .geometries = 5, .mix = FORMATS | TRANSFORMS | INDICES,
          .blases = 7),

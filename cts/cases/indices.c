@@ -18,8 +18,8 @@
     "transformOffset is in bytes, into the transform data (Vulkan: "                                         \
     "VkAccelerationStructureBuildRangeInfoKHR::transformOffset)"
 #define SPEC_DEGENERATE                                                                                      \
-    "degenerate triangles give no hits and still count in the primitive ids (Vulkan: inactive and "          \
-    "degenerate primitives)"
+    "degenerate triangles give no hits and still count in the primitive ids (Vulkan: Degenerate Primitives " \
+    "and Instances)"
 
 enum shape {
     FIELD,
@@ -130,7 +130,7 @@ static const struct gn_case cases[] = {
     CASE("repeated", SPEC_DEGENERATE, .shape = REPEATED),
     CASE("repeated_without_indices", SPEC_DEGENERATE, .shape = REPEATED, .none = true),
     CASE("every_triangle_twice",
-         "of coincident triangles one is committed (Vulkan: ray intersection confirmation)", .shape = TWICE),
+         "of coincident triangles one is committed (Vulkan: Ray Closest Hit Determination)", .shape = TWICE),
     CASE("vertex_offset", SPEC_INDEX, .shape = FIELD, .vertex_offset = 52),
     CASE("vertex_offset_halves", SPEC_INDEX, .shape = FIELD, .uint32 = true, .vertex_offset = 6, .stride = 10,
          .format = F16),

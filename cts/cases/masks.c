@@ -3,9 +3,8 @@
 #include "cts/compose.h"
 
 #define SPEC_AND                                                                                             \
-    "an instance is met only if its mask and the ray's cull mask have a bit in common (Vulkan: ray "         \
-    "culling, "                                                                                              \
-    "instance mask; VkAccelerationStructureInstanceKHR::mask)"
+    "an instance is met only if its mask and the ray's cull mask have a bit in common (Vulkan: Ray Mask "    \
+    "Culling; VkAccelerationStructureInstanceKHR::mask)"
 #define SPEC_LOW                                                                                             \
     "only the 8 least significant bits of the cull mask count (SPV_KHR_ray_query: OpRayQueryInitializeKHR, " \
     "Cull Mask)"
@@ -115,10 +114,10 @@ static const struct gn_case cases[] = {
     CASE("all_but_one", SPEC_AND, 16, COMPLEMENT, SINGLE, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("random_pairs", SPEC_AND, 32, NEVER_ZERO, NEVER_ZERO, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("every_mask", SPEC_AND, 256, INDEX, RANDOM, GN_CTS_COMMITTED, 1, 0, false, false),
-    CASE("zero_instance", "an instance of mask 0 is never met (Vulkan: ray culling, instance mask)", 16,
-         SOME_ZERO, ALL, GN_CTS_COMMITTED, 1, 0, false, false),
-    CASE("zero_ray", "a ray of cull mask 0 meets nothing (Vulkan: ray culling, instance mask)", 16, ALL,
-         SOME_ZERO, GN_CTS_COMMITTED, 1, 0, false, false),
+    CASE("zero_instance", "an instance of mask 0 is never met (Vulkan: Ray Mask Culling)", 16, SOME_ZERO, ALL,
+         GN_CTS_COMMITTED, 1, 0, false, false),
+    CASE("zero_ray", "a ray of cull mask 0 meets nothing (Vulkan: Ray Mask Culling)", 16, ALL, SOME_ZERO,
+         GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("upper_bits", SPEC_LOW, 8, SINGLE, UPPER, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("upper_bits_alone", SPEC_LOW, 16, RANDOM, UPPER_ONLY, GN_CTS_COMMITTED, 1, 0, false, false),
     CASE("not_opaque", SPEC_AND, 16, RANDOM, RANDOM, GN_CTS_COMMITTED, 0, 0, false, false),

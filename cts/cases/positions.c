@@ -12,7 +12,7 @@
     "operations (Vulkan: HitTriangleVertexPositionsKHR)"
 #define SPEC_FLAG                                                                                            \
     "what ALLOW_DATA_ACCESS gives survives copies and updates (Vulkan: "                                     \
-    "VkBuildAccelerationStructureFlagBitsKHR; acceleration structure copying)"
+    "VkBuildAccelerationStructureFlagBitsKHR; Copying Acceleration Structures)"
 
 #define DATA VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR
 #define UPDATE VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR

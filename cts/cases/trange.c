@@ -6,13 +6,13 @@
 #include <math.h>
 
 #define SPEC_OPEN                                                                                            \
-    "triangles are met where tmin < t < tmax, the ends excluded (Vulkan: ray intersection candidate "        \
-    "determination)"
+    "triangles are met where tmin < t < tmax, the ends excluded (Vulkan: Ray Intersection Candidate "        \
+    "Determination)"
 #define SPEC_CLOSED                                                                                          \
-    "boxes are candidates where the ray's closed range from tmin to tmax meets them (Vulkan: ray "           \
-    "intersection "                                                                                          \
-    "candidate determination)"
-#define SPEC_RANGE "no hit is reported outside tmin and tmax (Vulkan: ray traversal, ray definition)"
+    "boxes are candidates where the ray's closed range from tmin to tmax meets them (Vulkan: Ray "           \
+    "Intersection Candidate Determination)"
+#define SPEC_RANGE                                                                                           \
+    "no hit is reported outside tmin and tmax (Vulkan: Ray Intersection Candidate Determination)"
 
 /* How an end of the range lies to the t of the surface that a ray is aimed at. */
 enum end {

@@ -166,7 +166,7 @@ static const struct gn_case cases[] = {
          "what was inactive stays so (Vulkan: vkCmdBuildAccelerationStructuresKHR, pInfos-03663)",
          .what = VERTICES | INACTIVE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
     CASE("vertices.degenerate",
-         "a triangle may become degenerate or cease to be (Vulkan: degenerate primitives and instances)",
+         "a triangle may become degenerate or cease to be (Vulkan: Degenerate Primitives and Instances)",
          .what = DEGENERATE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}),
     CASE("transforms.in_place", SPEC_UPDATE, .what = TRANSFORMS, .flags = UPDATE,
          .steps = {GN_CTS_STEP_REFIT}),
