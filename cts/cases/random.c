@@ -12,7 +12,7 @@
 enum { MAX_BLASES = 4, MAX_GEOMETRIES = 4, MAX_INSTANCES = 24 };
 
 /* What a case adds to the plain mixture. */
-enum extra { PLAIN, VERTICES, INACTIVE, OFFSETS, DETAIL };
+enum extra { PLAIN, SHARED, INACTIVE, OFFSETS, DETAIL };
 
 struct part {
     struct gn_mesh mesh;
@@ -159,7 +159,7 @@ static struct world *random_world(struct gn_case_run *run, enum extra extra)
     return world;
 }
 
-/* Aims one ray at the inside, an edge or, if asked for, a vertex of a random geometry of a random instance. */
+/* Aims one ray at the inside or, if asked for, an edge or a vertex of a random geometry of a random instance. */
 static void aim_somewhere(struct gn_random *random, const struct world *world, enum extra extra,
                           struct gn_cts_ray *ray)
 {
@@ -172,9 +172,9 @@ static void aim_somewhere(struct gn_random *random, const struct world *world, e
     options.geometry_transform = world->geometries[at->blas][g].transform;
     options.instance_transform = at->transform;
     double kind = gn_random_unit(random);
-    options.aim = kind < 0.8   ? GN_AIM_INTERIOR
-                  : kind < 0.9 ? (extra == VERTICES ? GN_AIM_VERTEX : GN_AIM_EDGE)
-                               : GN_AIM_RANDOM;
+    options.aim = kind < 0.9 ? GN_AIM_INTERIOR : GN_AIM_RANDOM;
+    if (extra == SHARED && kind < 0.5)
+        options.aim = kind < 0.25 ? GN_AIM_EDGE : GN_AIM_VERTEX;
     options.distance = ldexp(1, (int)gn_random_below(random, 6) - 1);
     options.both_sides = true;
     options.direction_scale = ldexp(1, (int)gn_random_below(random, 9) - 4);
@@ -236,7 +236,7 @@ static const struct gn_case cases[] = {
     SCENE("scene_13", PLAIN),    SCENE("scene_14", PLAIN),    SCENE("scene_15", PLAIN),    SCENE("scene_16", PLAIN),
     SCENE("scene_17", PLAIN),    SCENE("scene_18", PLAIN),    SCENE("scene_19", PLAIN),    SCENE("scene_20", PLAIN),
     SCENE("scene_21", PLAIN),    SCENE("scene_22", PLAIN),    SCENE("scene_23", PLAIN),    SCENE("scene_24", PLAIN),
-    SCENE("vertices_1", VERTICES), SCENE("vertices_2", VERTICES), SCENE("vertices_3", VERTICES),
+    SCENE("shared_1", SHARED),   SCENE("shared_2", SHARED),   SCENE("shared_3", SHARED),
     SCENE("detail_1", DETAIL),   SCENE("detail_2", DETAIL),   SCENE("detail_3", DETAIL),   SCENE("inactive_1", INACTIVE),
     SCENE("inactive_2", INACTIVE), SCENE("inactive_3", INACTIVE), SCENE("offsets_1", OFFSETS), SCENE("offsets_2", OFFSETS),
     SCENE("offsets_3", OFFSETS),

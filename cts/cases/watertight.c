@@ -68,17 +68,15 @@ static const struct gn_mesh_case geometry_exactly = {.mesh = LATTICE, .geometry_
 static const struct gn_mesh_case geometry_rotated = {.mesh = FIELD, .geometry_flags = OPAQUE,
     .geometry = {.kind = GN_TRANSFORM_RANDOM, .min_scale = 0.5, .max_scale = 2, .translation = 3}, .edge = 12000,
     .vertex = 12000};
-static const struct gn_mesh_case t_junction_exact = {.mesh = {.kind = GN_MESH_T_JUNCTIONS, .n = 16, .size = 0.0625},
-    .geometry_flags = OPAQUE, .exact = true, .interior = 4000, .edge = 10000, .vertex = 10000};
-static const struct gn_mesh_case t_junction_bent = {.mesh = {.kind = GN_MESH_T_JUNCTIONS, .n = 16, .m = 1, .size = 0.1},
-    .geometry_flags = OPAQUE, .interior = 4000, .edge = 10000, .vertex = 10000};
+/* A ray crosses it twice: its candidates are few, even where it runs along edges. */
+#define CLOSED {.kind = GN_MESH_OCTAHEDRON, .n = 8}
 static const struct gn_mesh_case candidates_interior = {
-    .mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES, .interior = 8000};
+    .mesh = BLOB, .program = GN_CTS_CANDIDATES, .interior = 8000};
 static const struct gn_mesh_case candidates_edge = {
-    .mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES, .edge = 10000};
+    .mesh = CLOSED, .exact = true, .program = GN_CTS_CANDIDATES, .edge = 10000};
 static const struct gn_mesh_case candidates_vertex = {
-    .mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES, .vertex = 10000};
-static const struct gn_mesh_case candidates_once = {.mesh = LATTICE, .exact = true, .program = GN_CTS_CANDIDATES,
+    .mesh = CLOSED, .exact = true, .program = GN_CTS_CANDIDATES, .vertex = 10000};
+static const struct gn_mesh_case candidates_once = {.mesh = CLOSED, .exact = true, .program = GN_CTS_CANDIDATES,
     .geometry_flags = VK_GEOMETRY_NO_DUPLICATE_ANY_HIT_INVOCATION_BIT_KHR, .edge = 10000, .vertex = 5000};
 
 /* Whether the ray of a lattice is aimed at this point. */
@@ -171,39 +169,116 @@ static void two_geometries(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
-/* Where the specification promises nothing: every second triangle wound the other way, or the halves of the
- * mesh in two instances. A ray lost at such an edge is a gap. */
-static void no_promise(struct gn_case_run *run, const struct gn_case *self)
+/* Where the specification promises nothing, every second triangle being wound the other way: a ray lost at an
+ * edge is a gap. */
+static void mixed_winding(struct gn_case_run *run, const struct gn_case *self)
 {
+    (void)self;
     struct gn_mesh mesh = gn_mesh_lattice(&run->arena, &run->random, 16, 0.0625);
     uint32_t count = gn_ray_count(run, 12000);
     struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
     gn_rays_lattice(&run->random, &mesh, GN_AIM_EDGE, rays, count / 2);
     gn_rays_lattice(&run->random, &mesh, GN_AIM_VERTEX, rays + count / 2, count - count / 2);
-    if (self->value == 0) {
-        for (uint32_t t = 0; t < mesh.triangle_count; t += 2) {
-            uint32_t swap = mesh.triangles[t][1];
-            mesh.triangles[t][1] = mesh.triangles[t][2];
-            mesh.triangles[t][2] = swap;
-        }
+    for (uint32_t t = 0; t < mesh.triangle_count; t += 2) {
+        uint32_t swap = mesh.triangles[t][1];
+        mesh.triangles[t][1] = mesh.triangles[t][2];
+        mesh.triangles[t][2] = swap;
     }
+    struct gn_cts_geometry geometry = gn_geometry_of_mesh(&mesh);
+    geometry.flags = OPAQUE;
+    struct gn_cts_scene scene = gn_scene_of_geometry(&run->arena, &geometry);
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
+/* A seam along y = 0 between two halves that share positions there but not edges: halves of different fineness
+ * (T-junctions, exactly on the coarser edge or off it by the rounding), or in two instances. */
+enum seam { T_JUNCTIONS, BENT_T_JUNCTIONS, TWO_INSTANCES };
+
+/* Aims at an edge or vertex that touches y = 0, exactly where the mesh is a lattice. */
+static void seam_ray(struct gn_random *random, const struct gn_mesh *mesh, enum gn_aim aim, bool exact,
+                     struct gn_cts_ray *ray)
+{
+    for (;;) {
+        if (exact)
+            gn_rays_lattice(random, mesh, aim, ray, 1);
+        else
+            gn_rays_aimed(random, mesh, NULL, NULL, aim, 4, false, ray, 1);
+        double origin = ray->ray.origin[1], direction = ray->ray.direction[1];
+        if (!exact && fabs(origin + direction) < 1e-6)
+            return;
+        for (int steps = 1; exact && steps <= 8; steps++)
+            if (origin + steps * direction == 0)
+                return;
+    }
+}
+
+static void seam(struct gn_case_run *run, const struct gn_case *self)
+{
+    bool two = self->value == TWO_INSTANCES, bent = self->value == BENT_T_JUNCTIONS;
+    struct gn_mesh mesh = two ? gn_mesh_lattice(&run->arena, &run->random, 16, 0.0625)
+                              : gn_mesh_t_junctions(&run->arena, &run->random, 16, 0.0625, bent);
+    /* Only the triangles at the seam are aimed at. */
+    struct gn_mesh at_seam = mesh;
+    at_seam.triangles = gn_arena_alloc(&run->arena, mesh.triangle_count, sizeof *mesh.triangles);
+    at_seam.triangle_count = 0;
+    for (uint32_t t = 0; t < mesh.triangle_count; t++) {
+        int touching = 0;
+        for (int k = 0; k < 3; k++)
+            touching += mesh.positions[mesh.triangles[t][k]][1] == 0;
+        if (touching == 2)
+            memcpy(at_seam.triangles[at_seam.triangle_count++], mesh.triangles[t], sizeof *mesh.triangles);
+    }
+    uint32_t count = gn_ray_count(run, 12000);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    for (uint32_t i = 0; i < count; i++)
+        seam_ray(&run->random, &at_seam, i % 2 ? GN_AIM_VERTEX : GN_AIM_EDGE, !bent, &rays[i]);
+
     struct gn_cts_geometry geometries[2] = {gn_geometry_of_mesh(&mesh), gn_geometry_of_mesh(&mesh)};
     struct gn_cts_blas blases[2] = {0};
     struct gn_cts_instance instances[2] = {gn_instance_of(0, NULL), gn_instance_of(1, NULL)};
-    struct gn_cts_scene scene = {0};
-    scene.blases = blases;
-    scene.instances = instances;
-    scene.blas_count = scene.instance_count = self->value == 0 ? 1 : 2;
-    uint32_t half = mesh.triangle_count / 2;
+    struct gn_cts_scene scene = gn_scene_make(blases, two ? 2 : 1, instances, two ? 2 : 1);
     for (uint32_t i = 0; i < scene.blas_count; i++) {
         geometries[i].flags = OPAQUE;
-        if (scene.blas_count == 2) {
-            geometries[i].triangles += i * half;
-            geometries[i].triangle_count = half;
+        if (two) {
+            /* Rows are in the order of y. */
+            geometries[i].triangle_count = mesh.triangle_count / 2;
+            geometries[i].triangles += i * geometries[i].triangle_count;
         }
         blases[i].geometries = &geometries[i];
         blases[i].geometry_count = 1;
     }
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
+/* Closed meshes under transforms of every kind: the ray is rounded on its way to object space, and so are its
+ * edges, but all triangles of an instance see the same ray. `value` is the aim. */
+static void transformed(struct gn_case_run *run, const struct gn_case *self)
+{
+    enum { INSTANCES = 24 };
+    struct gn_mesh meshes[3] = {gn_mesh_box(&run->arena, 1), gn_mesh_octahedron(&run->arena, 2),
+                                gn_mesh_blob(&run->arena, &run->random, 5, 6, 0.2)};
+    struct gn_cts_geometry geometries[3];
+    struct gn_cts_blas blases[3] = {0};
+    struct gn_cts_instance instances[INSTANCES];
+    for (int i = 0; i < 3; i++) {
+        geometries[i] = gn_geometry_of_mesh(&meshes[i]);
+        geometries[i].flags = OPAQUE;
+        blases[i].geometries = &geometries[i];
+        blases[i].geometry_count = 1;
+    }
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        float transform[12];
+        gn_transform_general(&run->random, 0.5, 2, 0.5, 6, i & 1, transform);
+        instances[i] = gn_instance_of(i % 3, transform);
+    }
+    uint32_t count = gn_ray_count(run, 40000);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    for (uint32_t r = 0; r < count; r++) {
+        uint32_t i = r % INSTANCES;
+        gn_rays_aimed(&run->random, &meshes[i % 3], NULL, instances[i].transform, (enum gn_aim)self->value, 4, false,
+                      &rays[r], 1);
+    }
+    struct gn_cts_scene scene = gn_scene_make(blases, 3, instances, INSTANCES);
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
@@ -257,10 +332,13 @@ static const struct gn_case cases[] = {
     {"watertight.instance.mirrored_exact", BOTH, gn_mesh_case_run, &mirrored_exactly, 0},
     {"watertight.geometry_transform.exact", BOTH, gn_mesh_case_run, &geometry_exactly, 0},
     {"watertight.geometry_transform.rotated", BOTH, gn_mesh_case_run, &geometry_rotated, 0},
-    {"watertight.t_junction.exact", NONE, gn_mesh_case_run, &t_junction_exact, 0},
-    {"watertight.t_junction.bent", NONE, gn_mesh_case_run, &t_junction_bent, 0},
-    {"watertight.no_promise.mixed_winding", NONE, no_promise, NULL, 0},
-    {"watertight.no_promise.two_instances", NONE, no_promise, NULL, 1},
+    {"watertight.transformed.interior", INTERIOR, transformed, NULL, GN_AIM_INTERIOR},
+    {"watertight.transformed.edge", EDGE, transformed, NULL, GN_AIM_EDGE},
+    {"watertight.transformed.vertex", VERTEX, transformed, NULL, GN_AIM_VERTEX},
+    {"watertight.no_promise.t_junctions", NONE, seam, NULL, T_JUNCTIONS},
+    {"watertight.no_promise.bent_t_junctions", NONE, seam, NULL, BENT_T_JUNCTIONS},
+    {"watertight.no_promise.two_instances", NONE, seam, NULL, TWO_INSTANCES},
+    {"watertight.no_promise.mixed_winding", NONE, mixed_winding, NULL, 0},
     {"watertight.candidates.interior", INTERIOR, gn_mesh_case_run, &candidates_interior, 0},
     {"watertight.candidates.edge", ONCE, gn_mesh_case_run, &candidates_edge, 0},
     {"watertight.candidates.vertex", ONCE, gn_mesh_case_run, &candidates_vertex, 0},

@@ -67,6 +67,10 @@ static struct gn_mesh make_fan(struct gn_arena *arena, struct gn_random *random)
 {
     return gn_mesh_fan(arena, random, 11, 0.5);
 }
+static struct gn_mesh make_large_fan(struct gn_arena *arena, struct gn_random *random)
+{
+    return gn_mesh_fan(arena, random, 1024, 0.125);
+}
 static struct gn_mesh make_t_junctions(struct gn_arena *arena, struct gn_random *random)
 {
     return gn_mesh_t_junctions(arena, random, 8, 0.25, false);
@@ -95,6 +99,7 @@ static const struct mesh_row meshes[] = {
     {"box", make_box, 192, 98, CLOSED, 2, true},
     {"octahedron", make_octahedron, 512, 258, CLOSED, 2, true},
     {"fan", make_fan, 11, 12, FACES_UP, 0, true},
+    {"large fan", make_large_fan, 1024, 1025, FACES_UP, 0, true},
     {"T-junctions", make_t_junctions, 64 + 256, 9 * 5 + 17 * 9, FACES_UP, 0, true},
     {"soup", make_soup, 50, 150, NEITHER, 0, false},
     {"quad", make_quad, 2, 4, FACES_UP, 0, true},
