@@ -187,7 +187,7 @@ static int explain_apart(const struct gn_replay *replay, const struct gn_selecte
     }
     if (pid == 0) {
         alarm(arguments->timeout);
-        exit(explain(replay, selected, icd, arguments->whole_case, arguments->file));
+        return explain(replay, selected, icd, arguments->whole_case, arguments->file);
     }
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
     }

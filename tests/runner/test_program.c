@@ -235,14 +235,14 @@ static void isolation(void **state)
         {"crash:query.smoke.quad", "crash", "signal 11"},
         {"exit:query.smoke.quad", "error", "exit status 7"},
         {"lost:query.smoke.quad", "error", "the device was lost"},
-        {"hang:query.smoke.quad", "timeout", "no answer within 1 s"},
+        {"hang:query.smoke.quad", "timeout", "no answer within 5 s"},
     };
     (void)state;
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         char expected[128];
         struct outcome outcome =
-            RUN_FAULT(rows[i].fault, "run", FEW, "--out", "faulty", "--jobs", "1", "--timeout",
-                      strncmp(rows[i].fault, "hang", 4) == 0 ? "1" : "60");
+            RUN_FAULT(rows[i].fault, "run", "query.smoke.quad", "query.masks.zero_ray", "--out", "faulty", "--jobs",
+                      "1", "--timeout", strncmp(rows[i].fault, "hang", 4) == 0 ? "5" : "60");
         expect_status(&outcome, 1, rows[i].said);
         check_jsonl("faulty/results.jsonl", true);
         char *lines = read_all("faulty/results.jsonl");
