@@ -62,7 +62,7 @@ static void create_instance(struct world *world, const struct world_options *opt
     uint32_t setting_count = 0;
     for (; setting_count < options->setting_count; setting_count++)
         settings[setting_count] = options->settings[setting_count];
-    if (world->above_khronos)
+    if (world->above_khronos && !options->without_layer)
         settings[setting_count++] =
             (VkLayerSettingEXT){beneath, "validate_sync", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &yes};
     VkLayerSettingsCreateInfoEXT chain_settings = {.sType = VK_STRUCTURE_TYPE_LAYER_SETTINGS_CREATE_INFO_EXT,

@@ -62,8 +62,9 @@ static void eight_threads(void **state)
         VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
         assert_int_equal(vkCreateCommandPool(world->device, &pool, NULL, &copies[i].pool), VK_SUCCESS);
         workers[i] = (struct worker){&copies[i], i % 2 == 1};
-        assert_int_equal(pthread_create(&threads[i], NULL, work, &workers[i]), 0);
     }
+    for (int i = 0; i < THREADS; i++)
+        assert_int_equal(pthread_create(&threads[i], NULL, work, &workers[i]), 0);
     for (int i = 0; i < THREADS; i++) {
         pthread_join(threads[i], NULL);
         vkDestroyCommandPool(world->device, copies[i].pool, NULL);
