@@ -596,6 +596,9 @@ static bool loss_of(struct losses *losses, const struct gn_ref_hit *lost, struct
     if (lost->type == GN_REF_AABBS) {
         const struct gn_ref_geometry *geometry = gn_ref_scene_geometry(judge->scene, blas, lost->geometry);
         out->margin = box_margin(judge, ray, lost->instance, geometry->aabbs[lost->primitive]);
+        /* A generated hit exactly at tmax may be set or dropped (ray closest hit determination). */
+        if (losses->policy && lost->t == (double)ray->tmax)
+            out->margin = 0;
         out->excused = out->margin <= bound;
         return true;
     }
@@ -1015,11 +1018,12 @@ bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray
             reason_set(out, "presents an AABB where geometry %u of instance %u holds triangles",
                        answer->geometry, answer->instance);
         }
-        if (facts.geometry->flags & GN_REF_GEOMETRY_NO_DUPLICATE)
+        /* The flag is about any-hit shaders: AABBs may be presented repeatedly all the same. */
+        if (answer->kind == GN_REF_ANSWER_TRIANGLE && facts.geometry->flags & GN_REF_GEOMETRY_NO_DUPLICATE)
             for (size_t j = 0; j < i; j++)
                 if (candidates[j].instance == answer->instance && candidates[j].geometry == answer->geometry &&
                     candidates[j].primitive == answer->primitive && worsens(out, GN_REF_WRONG, 0))
-                    reason_set(out, "presents primitive %u of a NO_DUPLICATE_ANY_HIT geometry more than once",
+                    reason_set(out, "presents triangle %u of a NO_DUPLICATE_ANY_HIT geometry more than once",
                                answer->primitive);
     }
 

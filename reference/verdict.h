@@ -75,7 +75,7 @@ bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray 
 /*
  * Judges the list of candidates that an implementation presented for a ray none of which was confirmed:
  * every ideal one has to be there, none that is certainly missed, opaque triangles not at all (they are
- * committed), a primitive of a NO_DUPLICATE geometry at most once, and one crossing of a shared edge or vertex
+ * committed), a triangle of a NO_DUPLICATE geometry at most once, and one crossing of a shared edge or vertex
  * at most once. The order does not matter. `committed` is the committed (opaque) hit of the same query, to be
  * judged on its own: candidates beyond it may be absent. False as above.
  */

@@ -269,7 +269,8 @@ static void test_policy_and_boxes(void **state)
     float boxes[3][6] = {{-1, -1, 0, 1, 1, 1}, {-1, -1, -3, 1, 1, -2}, {5, 5, 5, 6, 6, 6}};
     boxes[2][0] = NAN;
     struct gn_ref_geometry geometry = {
-        .type = GN_REF_AABBS, .primitive_count = 3, .divisor = 1, .aabbs = (const float(*)[6])boxes};
+        .type = GN_REF_AABBS, .flags = GN_REF_GEOMETRY_NO_DUPLICATE, .primitive_count = 3, .divisor = 1,
+        .aabbs = (const float(*)[6])boxes};
     struct fixture fixture = fixture_make(&geometry, 1, NULL);
     struct gn_ref_ray ray = ray_down(0.5f, 0.5f), outside = ray_down(1.5f, 0);
     struct gn_ref_policy both = {.generate_mask = 3, .generate_t0 = 4, .generate_step = 2};
@@ -286,6 +287,16 @@ static void test_policy_and_boxes(void **state)
     answer.primitive = 1;
     expect("the farther box", &fixture, &ray, &both, &answer, GN_REF_WRONG);
     expect("the farther box, when only it generates", &fixture, &ray, &second, &answer, GN_REF_EXACT);
+    struct gn_ref_ray ends = ray;
+    ends.tmax = 6;
+    expect("the hit at tmax dropped", &fixture, &ends, &second, &miss, GN_REF_GAP);
+    ends.tmax = nextafterf(6, 7);
+    expect("the hit before tmax dropped", &fixture, &ends, &second, &miss, GN_REF_WRONG);
+    struct gn_ref_answer boxes_twice[3] = {answer, answer, answer};
+    struct gn_ref_verdict listed;
+    boxes_twice[2].primitive = 0;
+    assert_true(gn_ref_judge_candidates(fixture.judge, &ray, boxes_twice, 3, &miss, &listed));
+    assert_int_equal(listed.cls, GN_REF_EXACT); /* an AABB may be presented repeatedly */
     answer.primitive = 2;
     answer.t = 8;
     both.generate_mask = 7;
