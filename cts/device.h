@@ -43,8 +43,10 @@ bool gn_device_has_vertex_format(struct gn_device *device, VkFormat format);
 
 enum gn_device_status {
     GN_DEVICE_OK,
-    GN_DEVICE_UNSUPPORTED, /* the device lacks something; a case that meets it is skipped with this reason */
-    GN_DEVICE_FAILED, /* a Vulkan call failed; a case that meets it is an error */
+    /* The device lacks something, memory for this scene included; a case that meets it is skipped with this reason. */
+    GN_DEVICE_UNSUPPORTED,
+    /* A Vulkan call failed, a layer had something to say, or the scene is not valid; the case is an error. */
+    GN_DEVICE_FAILED,
     GN_DEVICE_LOST,
 };
 
