@@ -288,10 +288,11 @@ static void test_policy_and_boxes(void **state)
     expect("the farther box", &fixture, &ray, &both, &answer, GN_REF_WRONG);
     expect("the farther box, when only it generates", &fixture, &ray, &second, &answer, GN_REF_EXACT);
     struct gn_ref_ray ends = ray;
-    ends.tmax = 6;
-    expect("the hit at tmax dropped", &fixture, &ends, &second, &miss, GN_REF_GAP);
-    ends.tmax = nextafterf(6, 7);
-    expect("the hit before tmax dropped", &fixture, &ends, &second, &miss, GN_REF_WRONG);
+    struct gn_ref_policy inside = {.generate_mask = 2, .generate_t0 = 4.5f, .generate_step = 2};
+    ends.tmax = 6.5f;
+    expect("the hit at tmax dropped", &fixture, &ends, &inside, &miss, GN_REF_GAP);
+    ends.tmax = nextafterf(6.5f, 7);
+    expect("the hit before tmax dropped", &fixture, &ends, &inside, &miss, GN_REF_WRONG);
     struct gn_ref_answer boxes_twice[3] = {answer, answer, answer};
     struct gn_ref_verdict listed;
     boxes_twice[2].primitive = 0;
