@@ -100,7 +100,10 @@ static void describe(const struct gn_progress *progress, double now, char *out, 
     int digits = snprintf(NULL, 0, "%zu", progress->total);
     int used = snprintf(out, size, "[%*zu/%zu] %3.0f %%  %sray  %sray/s  %s", digits, progress->done,
                         progress->total, 100 * share, gn_format_count((double)progress->rays, rays),
-                        gn_format_count(progress->rate, rate), eta);
+                        gn_format_count(progress->rate > 0 || elapsed <= 0 ? progress->rate
+                                                                           : (double)progress->rays / elapsed,
+                                        rate),
+                        eta);
     const struct {
         size_t count;
         const char *word;

@@ -10,7 +10,7 @@
 #include "cts/results.h"
 
 /* Failures beyond these are folded. */
-#define MOST_OPEN 12
+#define MOST_OPEN 6
 #define MOST_SLOWEST 10
 
 static void text(FILE *file, const char *string)
@@ -199,7 +199,7 @@ static void put_family(FILE *file, const struct family *f, uint64_t all_rays, bo
             grouped(f->rays), share(f->rays, all_rays), share(f->ideal_hits, f->rays));
     gn_html_class_bar(file, f->classes);
     fputs("</td><td>", file);
-    gn_html_error_bar(file, median, f->p999, f->max, gn_ref_verdict_bound());
+    gn_html_error_bar(file, median, f->p999, f->max, gn_ref_verdict_bound(), f->classes[GN_REF_WRONG] > 0);
     if (f->max > 0)
         fprintf(file, "<span class=\"soft small\">%.3g &middot; %.3g &middot; %.3g</span>", median, f->p999, f->max);
     fputs("</td></tr>\n", file);
@@ -214,7 +214,8 @@ static void put_families(FILE *file, const struct gn_results *results)
             "<h2>Families</h2>\n<p>A class that is there at all is drawn as at least a sliver. The last column is the "
             "distribution of hit errors in units of 2<sup>-24</sup>, on a logarithmic scale: from the median to the "
             "99.9th percentile, the maximum as a dot, the bound (%.4g) as an upright line; the numbers are the three "
-            "of them. An ill-conditioned hit has a larger bound of its own.</p>\n<div class=wide><table><thead><tr>"
+            "of them. An ill-conditioned hit (a grazing ray, a sliver) has a larger bound of its own, so a blue dot "
+            "beyond the line is no failure; a red one goes with wrong answers.</p>\n<div class=wide><table><thead><tr>"
             "<th>Family<th class=n>Cases<th>Result<th class=n>Rays<th class=n>Ideal hits<th>Verdicts<th>Hit error: "
             "median &middot; 99.9 %% &middot; max</tr></thead><tbody>\n",
             gn_ref_verdict_bound());

@@ -134,7 +134,7 @@ void gn_html_class_key(FILE *file, enum gn_ref_verdict_class cls)
             gn_ref_verdict_class_name(cls));
 }
 
-void gn_html_error_bar(FILE *file, double median, double p999, double max, double bound)
+void gn_html_error_bar(FILE *file, double median, double p999, double max, double bound, bool wrong)
 {
     const double width = 220, least = 0.05, most = bound * 10;
     const double scale = width / log(most / least);
@@ -143,7 +143,7 @@ void gn_html_error_bar(FILE *file, double median, double p999, double max, doubl
         fputs("<span class=soft>none measured</span>", file);
         return;
     }
-    bool over = !(max <= bound);
+    bool over = wrong && !(max <= bound);
     fprintf(file,
             "<svg width=%g height=20 viewBox=\"0 0 %g 20\" role=img aria-label=\"median %.3g, 99.9 percent %.3g, "
             "maximum %.3g, bound %.3g\"><rect x=0 y=9 width=%g height=2 fill=\"#808080\" fill-opacity=.35 />"

@@ -18,8 +18,9 @@ void gn_html_class_bar(FILE *file, const uint64_t counts[GN_REF_VERDICT_CLASS_CO
 /* A swatch and the class's name. */
 void gn_html_class_key(FILE *file, enum gn_ref_verdict_class cls);
 
-/* Median, 99.9th percentile and maximum of hit errors on a logarithmic scale, with the bound as a line. */
-void gn_html_error_bar(FILE *file, double median, double p999, double max, double bound);
+/* Median, 99.9th percentile and maximum of hit errors on a logarithmic scale, with the bound as a line. `wrong`:
+ * there are wrong answers among them; without, a maximum beyond the bound is that of an ill-conditioned hit. */
+void gn_html_error_bar(FILE *file, double median, double p999, double max, double bound, bool wrong);
 
 /* <img> of a PNG file, inlined, enlarged by a whole factor. False when the file cannot be read. */
 bool gn_html_picture(FILE *file, const char *folder, const struct gn_results_case *cs);

@@ -111,8 +111,8 @@ void gn_summary_print(const struct gn_results *results, const char *out)
                        gn_ref_verdict_class_name((enum gn_ref_verdict_class)c));
             separator = totals.class_counts[c] ? ", " : separator;
         }
-        printf("\nlargest hit error %.3g of %.3g allowed (units of 2^-24)\n", totals.hit_error_max,
-               gn_ref_verdict_bound());
+        printf("\nhit errors up to %.3g units of 2^-24 (%.3g are allowed a well-conditioned hit)\n",
+               totals.hit_error_max, gn_ref_verdict_bound());
     }
     print_failures(results, out, red, plain);
     for (size_t i = 0; i < results->unmatched_count; i++)
