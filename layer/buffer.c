@@ -123,7 +123,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
 
     struct gn_buffer *buffer = calloc(1, sizeof *buffer);
     if (!buffer) {
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
         return result;
     }
     *buffer = (struct gn_buffer){.handle = *out,
@@ -134,7 +134,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
     gn_lock(device);
     if (!gn_map_put(&device->buffers, (uint64_t)*out, buffer)) {
         free(buffer);
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
     } else if (info->flags & VK_BUFFER_CREATE_SPARSE_BINDING_BIT) {
         buffer_gains_address(device, buffer);
     }

@@ -69,6 +69,25 @@ static void note_extensions(struct gn_device *device, const VkDeviceCreateInfo *
     }
 }
 
+/* A copy may run on any queue, so its target belongs to all families. */
+static void note_families(struct gn_device *device, const VkDeviceCreateInfo *info)
+{
+    const uint32_t room = sizeof device->families / sizeof device->families[0];
+    for (uint32_t i = 0; i < info->queueCreateInfoCount; i++) {
+        uint32_t known = 0;
+        while (known < device->family_count && device->families[known] != info->pQueueCreateInfos[i].queueFamilyIndex)
+            known++;
+        if (known < device->family_count)
+            continue;
+        if (known == room) {
+            device->copies = false;
+            device->no_copies_because = GN_UNJUDGED_device_groups;
+            return;
+        }
+        device->families[device->family_count++] = info->pQueueCreateInfos[i].queueFamilyIndex;
+    }
+}
+
 static void load_next(struct gn_device *device, PFN_vkGetDeviceProcAddr lookup)
 {
     struct gn_device_next *next = &device->next;
@@ -128,6 +147,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
             device->copies = false;
             device->no_copies_because = GN_UNJUDGED_device_groups;
         }
+        note_families(device, info);
         instance->next.GetPhysicalDeviceMemoryProperties(physical, &device->memory);
     }
     atomic_fetch_add(device->tracked ? &instance->tracked_devices : &instance->passed_devices, 1);

@@ -128,6 +128,7 @@ __attribute__((destructor)) static void close_the_living(void)
         pthread_mutex_lock(&instance->lock);
         instance->messenger_count = 0;
         pthread_mutex_unlock(&instance->lock);
+        atomic_fetch_add(&instance->tally.unjudged[GN_UNJUDGED_not_completed], atomic_exchange(&instance->open_judgements, 0));
         gn_report_close(instance, "the process ended without destroying the instance");
     }
     pthread_mutex_unlock(&living_lock);

@@ -66,6 +66,10 @@ static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_i
                   const char *place, struct gn_findings *out)
 {
     struct gn_device *device = roll->device;
+    if (atomic_load_explicit(&device->incomplete, memory_order_relaxed)) {
+        gn_tally_lost(device);
+        return;
+    }
     uint32_t *refers_to = malloc((count ? count : 1) * sizeof *refers_to);
     uint64_t unknown = 0, unordered = 0, last_reference = 0;
     uint32_t last = GN_REFERENCE_NULL;
@@ -103,7 +107,7 @@ static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_i
     gn_tally_unjudged(device, GN_UNJUDGED_other_order, unordered);
     goto done;
 fail:
-    gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+    gn_tally_lost(device);
 done:
     free(refers_to);
     free(roll->structures);
@@ -140,7 +144,7 @@ void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAcceler
 {
     struct gn_instance_record *copy = malloc((count ? count : 1) * sizeof *copy);
     if (!copy) {
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
         return;
     }
     for (uint32_t i = 0; i < count; i++)

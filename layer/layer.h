@@ -78,6 +78,7 @@ struct gn_instance {
     struct gn_settings settings;
     struct gn_tally tally;
     atomic_uint tracked_devices, passed_devices; /* ever created, with and without acceleration structures */
+    atomic_ullong open_judgements;               /* TLAS builds submitted and neither judged nor given up */
     pthread_mutex_t lock;                        /* of everything below */
     struct gn_messenger *messengers;
     uint32_t messenger_count;
@@ -228,7 +229,10 @@ struct gn_device {
     bool copies;             /* instance records can be copied on this device */
     enum gn_unjudged no_copies_because;
     VkPhysicalDeviceMemoryProperties memory;
+    uint32_t families[16];   /* the queue families in use; beyond these nothing is copied */
+    uint32_t family_count;
     atomic_uint pending;     /* submissions that wait to be judged */
+    atomic_bool incomplete;  /* the layer ran out of memory: it may have missed a build, and accuses nobody any more */
 
     pthread_mutex_t lock;    /* of everything below */
     uint64_t position;
@@ -261,6 +265,12 @@ static inline void gn_tally_check(struct gn_device *device, enum gn_checked what
 static inline void gn_tally_unjudged(struct gn_device *device, enum gn_unjudged what, uint64_t count)
 {
     atomic_fetch_add_explicit(&device->instance->tally.unjudged[what], count, memory_order_relaxed);
+}
+/* Something was not recorded. */
+static inline void gn_tally_lost(struct gn_device *device)
+{
+    atomic_store_explicit(&device->incomplete, true, memory_order_relaxed);
+    gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
 }
 static inline void gn_lock(struct gn_device *device)
 {

@@ -65,7 +65,7 @@ struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_comma
     gn_recording_keep(added->secondary);
     return added;
 fail:
-    gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+    gn_tally_lost(device);
     return NULL;
 }
 
@@ -91,7 +91,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateCommandPool(VkDevice handle, const
     }
     if (!pool || !gn_map_put(&device->pools, (uint64_t)*out, pool)) {
         free(pool);
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
     }
     gn_unlock(device);
     return result;
@@ -161,7 +161,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_AllocateCommandBuffers(VkDevice handle, 
         struct gn_command_buffer *commands = calloc(1, sizeof *commands);
         if (!commands || !gn_map_put(&device->command_buffers, (uint64_t)(uintptr_t)out[i], commands)) {
             free(commands);
-            gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+            gn_tally_lost(device);
             continue;
         }
         *commands = (struct gn_command_buffer){.handle = out[i], .pool = pool, .next = pool->first};

@@ -49,7 +49,10 @@ static struct gn_staging_block *block_create(struct gn_device *device, VkDeviceS
     VkBufferCreateInfo buffer = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                  .size = size,
                                  .usage = VK_BUFFER_USAGE_TRANSFER_DST_BIT,
-                                 .sharingMode = VK_SHARING_MODE_EXCLUSIVE};
+                                 .sharingMode = device->family_count > 1 ? VK_SHARING_MODE_CONCURRENT
+                                                                         : VK_SHARING_MODE_EXCLUSIVE,
+                                 .queueFamilyIndexCount = device->family_count,
+                                 .pQueueFamilyIndices = device->families};
     if (device->next.CreateBuffer(device->handle, &buffer, NULL, &block->buffer) != VK_SUCCESS)
         goto fail;
     VkMemoryRequirements needs;

@@ -34,7 +34,7 @@ void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, u
             return; /* positions only rise */
     struct gn_built_on *grown = realloc(as->built, (as->built_count + 1) * sizeof *grown);
     if (!grown) {
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
         return;
     }
     as->built = grown;
@@ -141,7 +141,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
         return result;
     struct gn_as *as = calloc(1, sizeof *as);
     if (!as) {
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
         return result;
     }
     as->handle = *out;
@@ -156,7 +156,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
     if (!gn_map_put(&device->structures, (uint64_t)*out, as)) {
         gn_as_release(as);
         as = NULL;
-        gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+        gn_tally_lost(device);
     }
     /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
      * in the same place and never ask. */
@@ -195,7 +195,8 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyAccelerationStructureKHR(VkDevice han
             as->destroyed_at = ++device->position;
             as->next_destroyed = device->destroyed;
             device->destroyed = as;
-            gn_as_purge(device);
+            if (!atomic_load(&device->pending))
+                gn_as_purge(device);
         }
         gn_unlock(device);
     }
@@ -243,7 +244,7 @@ static void host_judge(struct gn_device *device, const VkAccelerationStructureBu
         }
         const VkAccelerationStructureInstanceKHR **records = malloc((count ? count : 1) * sizeof *records);
         if (!records) {
-            gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+            gn_tally_lost(device);
             continue;
         }
         const char *data = (const char *)geometry->geometry.instances.data.hostAddress + ranges[g].primitiveOffset;

@@ -61,6 +61,8 @@ static void give_fence(struct gn_device *device, VkFence fence)
 
 static void judgement_free(struct gn_device *device, struct gn_judgement *judgement)
 {
+    if (judgement->capture)
+        atomic_fetch_sub(&device->instance->open_judgements, 1);
     if (judgement->capture && judgement->capture->pending == judgement)
         judgement->capture->pending = NULL;
     gn_recording_release(device, judgement->recording);
@@ -97,6 +99,7 @@ static void settle_early(struct gn_device *device, const struct gn_recording *re
         gn_tally_unjudged(device, GN_UNJUDGED_overwritten, 1);
     judgement->capture = NULL;
     capture->pending = NULL;
+    atomic_fetch_sub(&device->instance->open_judgements, 1);
 }
 
 struct replay {
@@ -135,11 +138,12 @@ static void expect_judgement(struct replay *replay, struct gn_recording *recordi
                                        .position = position,
                                        .submission = replay->number};
     event->capture->pending = judgement;
+    atomic_fetch_add(&device->instance->open_judgements, 1);
     *replay->submission->last = judgement;
     replay->submission->last = &judgement->next;
     return;
 fail:
-    gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
+    gn_tally_lost(device);
 }
 
 static void replay_recording(struct replay *replay, struct gn_recording *recording, unsigned depth)
@@ -280,8 +284,9 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit2(VkQueue queue, uint32_t cou
     return result;
 }
 
-/* A fence signals after everything submitted to its queue before it: one signalled fence completes all older submissions. */
-static void advance(struct gn_device *device, struct gn_queue *queue, struct gn_findings *findings)
+/* A fence signals after everything submitted to its queue before it: one signalled fence completes all older submissions.
+ * Returns whether anything came to its end. */
+static bool advance(struct gn_device *device, struct gn_queue *queue, struct gn_findings *findings)
 {
     struct gn_submission *last_done = NULL;
     bool lost = false;
@@ -295,6 +300,7 @@ static void advance(struct gn_device *device, struct gn_queue *queue, struct gn_
         if (submission->done)
             last_done = submission;
     }
+    bool any = last_done != NULL || lost;
     while (last_done || (lost && queue->oldest && queue->oldest->accepted)) {
         struct gn_submission *submission = queue->oldest;
         queue->oldest = submission->next;
@@ -305,6 +311,7 @@ static void advance(struct gn_device *device, struct gn_queue *queue, struct gn_
             last_done = NULL;
         settle(device, submission, readable, findings);
     }
+    return any;
 }
 
 void gn_device_collect(struct gn_device *device)
@@ -313,10 +320,12 @@ void gn_device_collect(struct gn_device *device)
     if (!atomic_load_explicit(&device->pending, memory_order_acquire))
         return;
     gn_findings_init(&findings);
+    bool any = false;
     gn_lock(device);
     for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
-        advance(device, queue, &findings);
-    gn_as_purge(device);
+        any |= advance(device, queue, &findings);
+    if (any)
+        gn_as_purge(device);
     gn_unlock(device);
     gn_report_flush(device->instance, &findings);
 }

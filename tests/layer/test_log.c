@@ -276,6 +276,26 @@ static void a_process_that_destroys_nothing_still_gets_its_statement(void **stat
     lines_free(&lines);
 }
 
+static void leave_unfinished(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), tlas = tlas_create(world, 1);
+    tlas_refer(&tlas, 0, blas.address);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &tlas);
+    commands_end(commands);
+    submit(world, commands, VK_NULL_HANDLE);
+}
+
+static void work_never_seen_to_complete_is_said(void **state)
+{
+    (void)state;
+    in_child(leave_unfinished);
+    struct lines lines = lines_read(path);
+    assert_int_equal(lines.count, 1);
+    assert_int_equal(counted(&lines, "not_checked", "not known to have completed"), 1);
+    lines_free(&lines);
+}
+
 static void leave_pending_work(struct world *world)
 {
     struct structure tlas = tlas_create(world, 1);
@@ -330,6 +350,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test_setup_teardown(a_process_that_destroys_nothing_still_gets_its_statement, new_path, remove_path),
+        cmocka_unit_test_setup_teardown(work_never_seen_to_complete_is_said, new_path, remove_path),
         cmocka_unit_test_setup_teardown(a_log_is_started_anew_by_each_process, new_path, remove_path),
         cmocka_unit_test_setup_teardown(findings_are_counted_in_place, new_path, remove_path),
         cmocka_unit_test_setup_teardown(what_is_not_judged_is_said, new_path, remove_path),
