@@ -140,6 +140,22 @@ static void nothing_there(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
+/* Every second triangle inactive through one of its corners alone: `value` says which. */
+static void inactive_corner(struct gn_case_run *run, const struct gn_case *self)
+{
+    struct gn_mesh mesh = gn_mesh_soup(&run->arena, &run->random, 600, 0.4);
+    for (uint32_t t = 0; t < mesh.triangle_count; t += 2)
+        for (int c = 0; c < 3; c++)
+            mesh.positions[mesh.triangles[t][self->value]][c] = NAN;
+    struct gn_cts_geometry geometry = gn_geometry_of_mesh(&mesh);
+    geometry.flags = OPAQUE;
+    struct gn_cts_scene scene = gn_scene_of_geometry(&run->arena, &geometry);
+    uint32_t count = gn_ray_count(run, 6000);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    gn_rays_aimed(&run->random, &mesh, NULL, NULL, GN_AIM_INTERIOR, 4, true, rays, count);
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
 /* Degenerate triangles (a repeated corner, three corners on a line) among good ones: never hit, never in the way. */
 static void degenerate(struct gn_case_run *run, const struct gn_case *self)
 {
@@ -269,6 +285,8 @@ static const struct instances different = {
 
 #define CLOSEST "the committed hit is the nearest one in the ray's range (ray traversal: ray closest hit determination)"
 
+#define INACTIVE "a triangle is invisible when the x of any of its vertices is NaN (acceleration structures: inactive primitives)"
+
 static const struct gn_case cases[] = {
     {"hit.one_triangle", "a ray meets one triangle from either side or misses it (ray traversal: ray-triangle intersection)",
      gn_mesh_case_run, &one_triangle, 0},
@@ -287,8 +305,10 @@ static const struct gn_case cases[] = {
     {"hit.soup.big", CLOSEST, gn_mesh_case_run, &soup_big, 0},
     {"hit.soup.confirmed", "candidates that the shader confirms compete for the nearest (ray query: candidates)",
      gn_mesh_case_run, &confirmed, 0},
-    {"hit.inactive_triangles", "a triangle with a NaN in x is invisible (acceleration structures: inactive primitives)",
-     gn_mesh_case_run, &inactive, 0},
+    {"hit.inactive_triangles.any_corners", INACTIVE, gn_mesh_case_run, &inactive, 0},
+    {"hit.inactive_triangles.corner_0", INACTIVE, inactive_corner, NULL, 0},
+    {"hit.inactive_triangles.corner_1", INACTIVE, inactive_corner, NULL, 1},
+    {"hit.inactive_triangles.corner_2", INACTIVE, inactive_corner, NULL, 2},
     {"hit.degenerate_triangles", "degenerate triangles give no intersections (acceleration structures)", degenerate, NULL, 0},
     {"hit.inside.blob", "a ray that starts inside a closed mesh cannot leave it unseen (ray traversal)", inside, &inside_blob,
      16000},
