@@ -468,16 +468,22 @@ struct pending {
 
 /*
  * The child's memory is asked for when it is put on the stack: it is needed soon, and scenes are larger than caches.
+ * The table of leaves is small enough to be looked into for that.
  */
 static void prefetch(const struct gn_ref_bvh *bvh, uint32_t child)
 {
+    const char *memory;
+    size_t size;
     if (child & GN_REF_LEAF_BIT) {
-        __builtin_prefetch(&bvh->leaves[child & ~GN_REF_LEAF_BIT]);
-        return;
+        const struct gn_ref_leaf *leaf = &bvh->leaves[child & ~GN_REF_LEAF_BIT];
+        memory = (const char *)&bvh->blocks[leaf->first_block];
+        size = leaf->block_count * sizeof(struct gn_ref_block);
+    } else {
+        memory = (const char *)&bvh->nodes[child];
+        size = sizeof(struct gn_ref_node);
     }
-    const char *node = (const char *)&bvh->nodes[child];
-    for (size_t offset = 0; offset < sizeof(struct gn_ref_node); offset += 64)
-        __builtin_prefetch(node + offset);
+    for (size_t offset = 0; offset < size; offset += 64)
+        __builtin_prefetch(memory + offset);
 }
 
 /* Only what is certainly missed, or certainly beyond the upper end of the best t so far, is skipped. */
