@@ -6,8 +6,12 @@
  * reference/verdict.h and cts/scene.h: scalars only, so that std430 and C agree.
  */
 #extension GL_EXT_ray_query : require
+#extension GL_EXT_ray_flags_primitive_culling : require
 
 layout(local_size_x = 64) in;
+/* The flags come with the rays, the two that skip primitive types among them: they need a capability of their own,
+ * which every device with ray queries has. */
+layout(primitive_culling);
 
 const uint NOTHING = 0, TRIANGLE = 1, GENERATED = 2, UNFINISHED = 3;
 
