@@ -182,6 +182,13 @@ void gn_process_noise_reset(struct gn_process *process)
         (void)!ftruncate(process->noise, 0);
 }
 
+void gn_process_noise_limit(struct gn_process *process)
+{
+    struct stat info;
+    if (process->noise >= 0 && fstat(process->noise, &info) == 0 && info.st_size > NOISE_MOST)
+        (void)!ftruncate(process->noise, 0);
+}
+
 char *gn_process_noise(struct gn_process *process)
 {
     struct stat info;
@@ -201,8 +208,6 @@ char *gn_process_noise(struct gn_process *process)
     gn_text_clean(text);
     while (n > 0 && (text[n - 1] == '\n' || text[n - 1] == ' '))
         text[--n] = 0;
-    if (info.st_size > NOISE_MOST)
-        (void)!ftruncate(process->noise, 0);
     return text;
 }
 

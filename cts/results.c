@@ -190,8 +190,9 @@ void gn_results_verdict(const struct gn_results *results, char *out, size_t size
         any = true;
     }
     if (totals.unexpected_passes) {
-        append(out, size, "%s%llu passed that %s expected to fail", any ? ", " : "",
-               (unsigned long long)totals.unexpected_passes, totals.unexpected_passes == 1 ? "was" : "were");
+        append(out, size, "%s%llu %s passed that %s expected to fail", any ? ", " : "",
+               (unsigned long long)totals.unexpected_passes, totals.unexpected_passes == 1 ? "case" : "cases",
+               totals.unexpected_passes == 1 ? "was" : "were");
         any = true;
     }
     if (results->unmatched_count) {

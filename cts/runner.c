@@ -347,9 +347,11 @@ static void wait_for_workers(struct runner *runner, const sigset_t *waiting_mask
             handle_end(runner, slot);
     }
     double now = gn_clock();
-    for (size_t i = 0; i < runner->slot_count && !runner->stop; i++)
+    for (size_t i = 0; i < runner->slot_count && !runner->stop; i++) {
+        gn_process_noise_limit(&runner->slots[i].process);
         if (runner->slots[i].process.pid)
             check_deadline(runner, &runner->slots[i], now);
+    }
     if (caught_signal && !runner->stop)
         stop_run(runner, "interrupted by %s", caught_signal == SIGINT    ? "Ctrl-C"
                                               : caught_signal == SIGTERM ? "SIGTERM"

@@ -66,7 +66,7 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
 
 /*
  * GNOMON_TEST_FAULT makes a worker misbehave when it comes to a case, so that the tests of isolation meet the
- * real thing: "crash:NAME", "hang:NAME", "exit:NAME" or "lost:NAME", several parted by commas. The name "open"
+ * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas. The name "open"
  * stands for the opening of the device. True for "lost".
  */
 static bool test_fault(const char *name)
@@ -84,6 +84,9 @@ static bool test_fault(const char *name)
         } else if (strcmp(kind, "hang") == 0) {
             for (;;)
                 pause();
+        } else if (strcmp(kind, "flood") == 0) {
+            for (;;)
+                fprintf(stderr, "GNOMON_TEST_FAULT: %s at %s\n", kind, name);
         } else if (strcmp(kind, "exit") == 0) {
             exit(7);
         } else if (strcmp(kind, "lost") == 0) {

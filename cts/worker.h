@@ -50,6 +50,8 @@ void gn_process_consume(struct gn_process *process, size_t position);
 bool gn_process_send(struct gn_process *process, const char *name);
 /* Forgets what was printed so far. */
 void gn_process_noise_reset(struct gn_process *process);
+/* Empties the file of what was printed when it has grown beyond reason: it lies in memory. */
+void gn_process_noise_limit(struct gn_process *process);
 /* The end of what was printed, cleaned, malloc'ed; "" when nothing was. NULL when memory is short. */
 char *gn_process_noise(struct gn_process *process);
 /* Lets the worker know that no case is left for it. */

@@ -235,7 +235,7 @@ static void verdicts(void **state)
         {{{GN_CASE_LEAK, X}, {GN_CASE_PASS, E}}, 2, "", false, false,
          "Nothing unexpected in 2 cases: 1 passed, 1 failed as expected.", 0},
         {{{GN_CASE_PASS, P}, {GN_CASE_PASS, E}}, 2, "", false, false,
-         "1 passed that was expected to fail; 1 passed.", 1},
+         "1 case passed that was expected to fail; 1 passed.", 1},
         {{{GN_CASE_PASS, E}}, 1, "", false, true, "1 expectation names no case; 1 passed.", 1},
         {{{GN_CASE_SKIP, E}, {GN_CASE_SKIP, E}}, 2, "", false, false,
          "Nothing was judged: all cases were skipped.", 4},
