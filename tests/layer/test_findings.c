@@ -509,6 +509,27 @@ static void reset_before_submission(struct world *world)
     scene_destroy(&scene);
 }
 
+/* The build of the BLAS is recorded, then thrown away in each of three ways, and what is submitted is empty. */
+static void reset_bottom(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    VkCommandBufferBeginInfo info = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
+    for (int way = 0; way < 3; way++) {
+        VkCommandBuffer commands = commands_begin(world, 0);
+        commands_build_one(world, commands, &scene.blas);
+        commands_end(commands);
+        if (way == 0)
+            assert_int_equal(vkResetCommandBuffer(commands, 0), VK_SUCCESS);
+        else if (way == 1)
+            assert_int_equal(vkResetCommandPool(world->device, world->pool, 0), VK_SUCCESS);
+        assert_int_equal(vkBeginCommandBuffer(commands, &info), VK_SUCCESS);
+        commands_end(commands);
+        submit_and_wait(world, commands);
+    }
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
 static void bottom_recorded_but_not_submitted(struct world *world)
 {
     struct scene scene = scene_create(world);
@@ -695,6 +716,7 @@ static const struct scenario {
     FIRES(in_secondary, 1, "a secondary is executed where it is called")
     SILENT(built_in_secondary, "a secondary is executed where it is called")
     SILENT(reset_before_submission, "what was never submitted did not happen")
+    FIRES(reset_bottom, 1, "what was reset did not happen")
     FIRES(bottom_recorded_but_not_submitted, 1, "what was never submitted did not happen")
     FIRES(records_written_on_the_device, 1, "records are read when the device reads them")
     SILENT(unknown_reference, "a dangling reference is another rule's matter")

@@ -1,0 +1,703 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Parts of the layer that no driver here reaches: several queues, builds on the host, failures of the next layer. A fake next layer
+ * stands below the real functions; maps and ranges are compared with plain loops. */
+#include "layer/layer.h"
+
+#include <setjmp.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+/* Dispatchable handles: all the loader promises is that the first word is a dispatch table. */
+static struct fake {
+    void *table;
+} fake_instance, fake_device, fake_queues[2], fake_commands[8];
+
+static int table_of_instance, table_of_device;
+static VkResult submit_result, build_result, fence_status;
+static uint64_t next_handle = 0x1000;
+
+static VKAPI_ATTR VkResult VKAPI_CALL create_structure(VkDevice device, const VkAccelerationStructureCreateInfoKHR *info,
+                                                       const VkAllocationCallbacks *allocator,
+                                                       VkAccelerationStructureKHR *out)
+{
+    (void)device, (void)info, (void)allocator;
+    *out = (VkAccelerationStructureKHR)next_handle++;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL destroy_structure(VkDevice device, VkAccelerationStructureKHR structure,
+                                                    const VkAllocationCallbacks *allocator)
+{
+    (void)device, (void)structure, (void)allocator;
+}
+
+static VKAPI_ATTR VkDeviceAddress VKAPI_CALL address_of(VkDevice device,
+                                                        const VkAccelerationStructureDeviceAddressInfoKHR *info)
+{
+    (void)device;
+    return (uint64_t)info->accelerationStructure << 8;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL build_on_host(VkDevice device, VkDeferredOperationKHR deferred, uint32_t count,
+                                                    const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                                                    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
+{
+    (void)device, (void)deferred, (void)count, (void)infos, (void)ranges;
+    return build_result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL copy_on_host(VkDevice device, VkDeferredOperationKHR deferred,
+                                                   const VkCopyAccelerationStructureInfoKHR *info)
+{
+    (void)device, (void)deferred, (void)info;
+    return build_result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL queue_submit(VkQueue queue, uint32_t count, const VkSubmitInfo *submits,
+                                                   VkFence fence)
+{
+    (void)queue, (void)count, (void)submits, (void)fence;
+    return submit_result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL get_fence_status(VkDevice device, VkFence fence)
+{
+    (void)device, (void)fence;
+    return fence_status;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL wait_for_fences(VkDevice device, uint32_t count, const VkFence *fences, VkBool32 all,
+                                                      uint64_t timeout)
+{
+    (void)device, (void)count, (void)fences, (void)all, (void)timeout;
+    return fence_status;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL create_pool(VkDevice device, const VkCommandPoolCreateInfo *info,
+                                                  const VkAllocationCallbacks *allocator, VkCommandPool *out)
+{
+    (void)device, (void)info, (void)allocator;
+    *out = (VkCommandPool)next_handle++;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL allocate_commands(VkDevice device, const VkCommandBufferAllocateInfo *info,
+                                                        VkCommandBuffer *out)
+{
+    (void)device;
+    for (uint32_t i = 0; i < info->commandBufferCount; i++)
+        out[i] = (VkCommandBuffer)(void *)&fake_commands[i];
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL build(VkCommandBuffer commands, uint32_t count,
+                                        const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                                        const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
+{
+    (void)commands, (void)count, (void)infos, (void)ranges;
+}
+
+static VKAPI_ATTR void VKAPI_CALL build_indirect(VkCommandBuffer commands, uint32_t count,
+                                                 const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                                                 const VkDeviceAddress *addresses, const uint32_t *strides,
+                                                 const uint32_t *const *maxima)
+{
+    (void)commands, (void)count, (void)infos, (void)addresses, (void)strides, (void)maxima;
+}
+
+static VKAPI_ATTR void VKAPI_CALL pipeline_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
+                                                   VkPipelineStageFlags to, VkDependencyFlags flags, uint32_t memory_count,
+                                                   const VkMemoryBarrier *memory, uint32_t buffer_count,
+                                                   const VkBufferMemoryBarrier *buffers, uint32_t image_count,
+                                                   const VkImageMemoryBarrier *images)
+{
+    (void)commands, (void)from, (void)to, (void)flags, (void)memory_count, (void)memory;
+    (void)buffer_count, (void)buffers, (void)image_count, (void)images;
+}
+
+/* The copy takes place when it is recorded: the source is host memory whose address is its device address. */
+static const void *copy_source;
+
+/* What the next layer last saw of a buffer, by either way of asking. */
+static VkBufferUsageFlags2 usage_seen;
+
+static VkBufferUsageFlags2 usage_of(const VkBufferCreateInfo *info)
+{
+    const VkBufferUsageFlags2CreateInfo *wide =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO);
+    return wide ? wide->usage : info->usage;
+}
+
+static VKAPI_ATTR void VKAPI_CALL device_buffer_needs(VkDevice device, const VkDeviceBufferMemoryRequirements *info,
+                                                      VkMemoryRequirements2 *out)
+{
+    (void)device, (void)out;
+    usage_seen = usage_of(info->pCreateInfo);
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL create_buffer(VkDevice device, const VkBufferCreateInfo *info,
+                                                    const VkAllocationCallbacks *allocator, VkBuffer *out)
+{
+    (void)device, (void)allocator;
+    usage_seen = usage_of(info);
+    *out = (VkBuffer)next_handle++;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL buffer_needs(VkDevice device, VkBuffer buffer, VkMemoryRequirements *out)
+{
+    (void)device, (void)buffer;
+    *out = (VkMemoryRequirements){.size = 1 << 20, .alignment = 1, .memoryTypeBits = 1};
+}
+
+static void *staging;
+
+static VKAPI_ATTR VkResult VKAPI_CALL allocate_memory(VkDevice device, const VkMemoryAllocateInfo *info,
+                                                      const VkAllocationCallbacks *allocator, VkDeviceMemory *out)
+{
+    (void)device, (void)info, (void)allocator;
+    *out = (VkDeviceMemory)next_handle++;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL bind_memory(VkDevice device, VkBuffer buffer, VkDeviceMemory memory,
+                                                  VkDeviceSize offset)
+{
+    (void)device, (void)buffer, (void)memory, (void)offset;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL map_memory(VkDevice device, VkDeviceMemory memory, VkDeviceSize offset,
+                                                 VkDeviceSize size, VkMemoryMapFlags flags, void **out)
+{
+    (void)device, (void)memory, (void)offset, (void)size, (void)flags;
+    *out = staging;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL free_memory(VkDevice device, VkDeviceMemory memory, const VkAllocationCallbacks *allocator)
+{
+    (void)device, (void)memory, (void)allocator;
+}
+
+static VKAPI_ATTR void VKAPI_CALL destroy_buffer(VkDevice device, VkBuffer buffer, const VkAllocationCallbacks *allocator)
+{
+    (void)device, (void)buffer, (void)allocator;
+}
+
+static VKAPI_ATTR VkDeviceAddress VKAPI_CALL buffer_address(VkDevice device, const VkBufferDeviceAddressInfo *info)
+{
+    (void)device, (void)info;
+    return (uint64_t)(uintptr_t)copy_source;
+}
+
+static VKAPI_ATTR void VKAPI_CALL copy_buffer(VkCommandBuffer commands, VkBuffer from, VkBuffer to, uint32_t count,
+                                              const VkBufferCopy *regions)
+{
+    (void)commands, (void)from, (void)to, (void)count;
+    memcpy((char *)staging + regions->dstOffset, (const char *)copy_source + regions->srcOffset, regions->size);
+}
+
+static VKAPI_ATTR void VKAPI_CALL destroy_device(VkDevice device, const VkAllocationCallbacks *allocator)
+{
+    (void)device, (void)allocator;
+}
+
+struct fixture {
+    struct gn_instance instance;
+    struct gn_device *device;
+    VkDevice handle;
+    VkCommandBuffer commands[8];
+    VkAccelerationStructureInstanceKHR record;
+    VkBuffer input;
+};
+
+static VKAPI_ATTR VkResult VKAPI_CALL create_fence(VkDevice device, const VkFenceCreateInfo *info,
+                                                   const VkAllocationCallbacks *allocator, VkFence *out)
+{
+    (void)device, (void)info, (void)allocator;
+    *out = (VkFence)next_handle++;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL destroy_fence(VkDevice device, VkFence fence, const VkAllocationCallbacks *allocator)
+{
+    (void)device, (void)fence, (void)allocator;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL reset_fences(VkDevice device, uint32_t count, const VkFence *fences)
+{
+    (void)device, (void)count, (void)fences;
+    return VK_SUCCESS;
+}
+
+static int set_up(void **state)
+{
+    struct fixture *fixture = calloc(1, sizeof *fixture);
+    struct gn_device *device = calloc(1, sizeof *device);
+    staging = calloc(1, 1 << 20);
+    submit_result = build_result = fence_status = VK_SUCCESS;
+    fake_instance.table = &table_of_instance;
+    fake_device.table = fake_queues[0].table = fake_queues[1].table = &table_of_device;
+    fixture->instance.handle = (VkInstance)(void *)&fake_instance;
+    fixture->instance.settings = (struct gn_settings){.severity_floor = GN_SEVERITY_NOTE,
+                                                      .profile = GN_PROFILE_VULKAN,
+                                                      .rules = gn_rule_set_all(),
+                                                      .instance_cap = 1000};
+    pthread_mutex_init(&fixture->instance.lock, NULL);
+    fixture->device = device;
+    fixture->handle = device->handle = (VkDevice)(void *)&fake_device;
+    device->instance = &fixture->instance;
+    device->tracked = device->copies = true;
+    device->family_count = 1;
+    device->memory = (VkPhysicalDeviceMemoryProperties){
+        .memoryTypeCount = 1,
+        .memoryTypes[0].propertyFlags = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT};
+    device->next = (struct gn_device_next){.CreateAccelerationStructureKHR = create_structure,
+                                           .DestroyAccelerationStructureKHR = destroy_structure,
+                                           .GetAccelerationStructureDeviceAddressKHR = address_of,
+                                           .BuildAccelerationStructuresKHR = build_on_host,
+                                           .CopyAccelerationStructureKHR = copy_on_host,
+                                           .QueueSubmit = queue_submit,
+                                           .GetFenceStatus = get_fence_status,
+                                           .WaitForFences = wait_for_fences,
+                                           .CreateFence = create_fence,
+                                           .DestroyFence = destroy_fence,
+                                           .ResetFences = reset_fences,
+                                           .CreateCommandPool = create_pool,
+                                           .AllocateCommandBuffers = allocate_commands,
+                                           .CmdBuildAccelerationStructuresKHR = build,
+                                           .CmdBuildAccelerationStructuresIndirectKHR = build_indirect,
+                                           .CmdPipelineBarrier = pipeline_barrier,
+                                           .CmdCopyBuffer = copy_buffer,
+                                           .CreateBuffer = create_buffer,
+                                           .DestroyBuffer = destroy_buffer,
+                                           .GetBufferMemoryRequirements = buffer_needs,
+                                           .GetDeviceBufferMemoryRequirements = device_buffer_needs,
+                                           .GetBufferDeviceAddress = buffer_address,
+                                           .AllocateMemory = allocate_memory,
+                                           .FreeMemory = free_memory,
+                                           .BindBufferMemory = bind_memory,
+                                           .MapMemory = map_memory,
+                                           .DestroyDevice = destroy_device};
+    pthread_mutex_init(&device->lock, NULL);
+    if (!gn_device_register(device))
+        return 1;
+    VkCommandPoolCreateInfo pool_info = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO};
+    VkCommandBufferAllocateInfo allocation = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_ALLOCATE_INFO,
+                                              .commandBufferCount = 8};
+    gn_entry_CreateCommandPool(fixture->handle, &pool_info, NULL, &allocation.commandPool);
+    for (int i = 0; i < 8; i++)
+        fake_commands[i].table = &table_of_device;
+    gn_entry_AllocateCommandBuffers(fixture->handle, &allocation, fixture->commands);
+    copy_source = &fixture->record;
+    VkBufferCreateInfo buffer = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                 .size = sizeof fixture->record,
+                                 .usage = VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                                          VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
+    gn_entry_CreateBuffer(fixture->handle, &buffer, NULL, &fixture->input);
+    gn_entry_BindBufferMemory(fixture->handle, fixture->input, VK_NULL_HANDLE, 0);
+    *state = fixture;
+    return 0;
+}
+
+static int tear_down(void **state)
+{
+    struct fixture *fixture = *state;
+    gn_entry_DestroyDevice(fixture->handle, NULL);
+    size_t cursor = 0;
+    void *site;
+    while ((site = gn_map_next(&fixture->instance.sites, &cursor)))
+        free(site);
+    gn_map_finish(&fixture->instance.sites);
+    pthread_mutex_destroy(&fixture->instance.lock);
+    free(fixture);
+    free(staging);
+    return 0;
+}
+
+static VkAccelerationStructureKHR make(struct fixture *fixture, VkAccelerationStructureTypeKHR type)
+{
+    VkAccelerationStructureCreateInfoKHR info = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_CREATE_INFO_KHR,
+                                                 .type = type};
+    VkAccelerationStructureKHR handle;
+    assert_int_equal(gn_entry_CreateAccelerationStructureKHR(fixture->handle, &info, NULL, &handle), VK_SUCCESS);
+    VkAccelerationStructureDeviceAddressInfoKHR query = {.accelerationStructure = handle};
+    gn_entry_GetAccelerationStructureDeviceAddressKHR(fixture->handle, &query);
+    return handle;
+}
+
+#define BOTTOM VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR
+#define TOP VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR
+
+/* The build of a TLAS with the fixture's one record, or of a BLAS. */
+struct job {
+    VkAccelerationStructureGeometryKHR geometry;
+    VkAccelerationStructureBuildGeometryInfoKHR info;
+    VkAccelerationStructureBuildRangeInfoKHR range;
+    const VkAccelerationStructureBuildRangeInfoKHR *ranges;
+};
+
+static void job_fill(struct job *job, struct fixture *fixture, VkAccelerationStructureKHR target,
+                     VkAccelerationStructureTypeKHR type)
+{
+    *job = (struct job){.geometry.geometryType = type == TOP ? VK_GEOMETRY_TYPE_INSTANCES_KHR : VK_GEOMETRY_TYPE_AABBS_KHR};
+    if (type == TOP)
+        job->geometry.geometry.instances.data.hostAddress = &fixture->record;
+    job->info = (VkAccelerationStructureBuildGeometryInfoKHR){
+        .type = type, .dstAccelerationStructure = target, .geometryCount = 1, .pGeometries = &job->geometry};
+    job->range.primitiveCount = 1;
+    job->ranges = &job->range;
+}
+
+static VkResult on_host(struct fixture *fixture, VkAccelerationStructureKHR target, VkAccelerationStructureTypeKHR type)
+{
+    struct job job;
+    job_fill(&job, fixture, target, type);
+    return gn_entry_BuildAccelerationStructuresKHR(fixture->handle, VK_NULL_HANDLE, 1, &job.info, &job.ranges);
+}
+
+static void on_queue(struct fixture *fixture, int queue, int commands, VkAccelerationStructureKHR target,
+                     VkAccelerationStructureTypeKHR type, VkFence fence)
+{
+    struct job job;
+    VkCommandBuffer buffer = fixture->commands[commands];
+    job_fill(&job, fixture, target, type);
+    gn_entry_CmdBuildAccelerationStructuresKHR(buffer, 1, &job.info, &job.ranges);
+    VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &buffer};
+    gn_entry_QueueSubmit((VkQueue)(void *)&fake_queues[queue], 1, &info, fence);
+}
+
+static unsigned long long unjudged(const struct fixture *fixture, enum gn_unjudged what)
+{
+    return atomic_load(&fixture->instance.tally.unjudged[what]);
+}
+
+static void host_build_of_an_unbuilt_blas(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas;
+    on_host(fixture, tlas, TOP);
+    assert_int_equal(fixture->instance.findings, 1);
+    on_host(fixture, blas, BOTTOM);
+    on_host(fixture, tlas, TOP);
+    assert_int_equal(fixture->instance.findings, 1);
+}
+
+static void host_build_that_failed_built_nothing(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas;
+    build_result = VK_ERROR_OUT_OF_HOST_MEMORY;
+    on_host(fixture, blas, BOTTOM);
+    build_result = VK_SUCCESS;
+    on_host(fixture, tlas, TOP);
+    assert_int_equal(fixture->instance.findings, 1);
+}
+
+static void host_copy_and_deferred_build_count_as_built(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR source = make(fixture, BOTTOM), copy = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    build_result = VK_OPERATION_DEFERRED_KHR;
+    on_host(fixture, source, BOTTOM);
+    on_host(fixture, tlas, TOP);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_deferred), 1);
+    build_result = VK_SUCCESS;
+    VkCopyAccelerationStructureInfoKHR info = {.src = source, .dst = copy};
+    gn_entry_CopyAccelerationStructureKHR(fixture->handle, VK_NULL_HANDLE, &info);
+    fixture->record.accelerationStructureReference = (uint64_t)copy;
+    on_host(fixture, tlas, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)source;
+    on_host(fixture, tlas, TOP);
+    assert_int_equal(fixture->instance.findings, 0);
+}
+
+static void host_build_before_a_device_build(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    on_host(fixture, blas, BOTTOM);
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_other_order), 0);
+}
+
+/* A TLAS build may wait for a build that is submitted to another queue after it. */
+static void two_queues_are_not_judged_by_submission_order(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    fence_status = VK_NOT_READY;
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    on_queue(fixture, 1, 1, blas, BOTTOM, VK_NULL_HANDLE);
+    fence_status = VK_SUCCESS;
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_other_order), 1);
+    /* And the twin on one queue. */
+    VkAccelerationStructureKHR late = make(fixture, BOTTOM);
+    fixture->record.accelerationStructureReference = (uint64_t)late << 8;
+    fence_status = VK_NOT_READY;
+    on_queue(fixture, 0, 2, tlas, TOP, VK_NULL_HANDLE);
+    on_queue(fixture, 0, 3, late, BOTTOM, VK_NULL_HANDLE);
+    fence_status = VK_SUCCESS;
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
+}
+
+static void an_indirect_build_counts_as_built(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    struct job jobs[2];
+    job_fill(&jobs[0], fixture, blas, BOTTOM);
+    job_fill(&jobs[1], fixture, tlas, TOP);
+    VkAccelerationStructureBuildGeometryInfoKHR infos[2] = {jobs[0].info, jobs[1].info};
+    gn_entry_CmdBuildAccelerationStructuresIndirectKHR(fixture->commands[0], 2, infos, NULL, NULL, NULL);
+    VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = fixture->commands};
+    gn_entry_QueueSubmit((VkQueue)(void *)&fake_queues[0], 1, &info, VK_NULL_HANDLE);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_indirect_builds), 1);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    on_queue(fixture, 0, 1, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+}
+
+static void a_refused_submission_is_not_judged(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    submit_result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    assert_int_equal(atomic_load(&fixture->device->pending), 0);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_not_completed), 1);
+}
+
+static void a_lost_device_is_not_judged(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    fence_status = VK_NOT_READY;
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    on_queue(fixture, 0, 1, tlas, TOP, (VkFence)7);
+    fence_status = VK_ERROR_DEVICE_LOST;
+    gn_device_collect(fixture->device);
+    assert_int_equal(atomic_load(&fixture->device->pending), 0);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_not_completed), 2);
+}
+
+/* The application resets its fence: then the submission is over, although nobody saw the fence signalled. */
+static void a_fence_that_is_reset_has_completed(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    VkFence fence = (VkFence)7;
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    fence_status = VK_NOT_READY;
+    on_queue(fixture, 0, 0, tlas, TOP, fence);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    gn_entry_ResetFences(fixture->handle, 1, &fence);
+    assert_int_equal(fixture->instance.findings, 1);
+    assert_int_equal(atomic_load(&fixture->device->pending), 0);
+}
+
+static void a_device_destroyed_before_completion(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    fence_status = VK_NOT_READY;
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    gn_entry_DestroyAccelerationStructureKHR(fixture->handle, blas, NULL);
+    gn_queues_finish(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_not_completed), 1);
+}
+
+static void destroyed_while_the_build_is_pending(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), built = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    on_queue(fixture, 0, 2, built, BOTTOM, VK_NULL_HANDLE);
+    fence_status = VK_NOT_READY;
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    fixture->record.accelerationStructureReference = (uint64_t)built << 8;
+    on_queue(fixture, 0, 1, tlas, TOP, VK_NULL_HANDLE);
+    gn_entry_DestroyAccelerationStructureKHR(fixture->handle, blas, NULL);
+    gn_entry_DestroyAccelerationStructureKHR(fixture->handle, built, NULL);
+    assert_int_equal(fixture->instance.findings, 0);
+    fence_status = VK_SUCCESS;
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_unknown_reference), 0);
+    assert_null(fixture->device->destroyed);
+    /* Now they are gone. */
+    on_queue(fixture, 0, 3, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_unknown_reference), 1);
+}
+
+/* Creation and the question about memory see the same usage; what the application passed stays as it was. */
+static void usage_is_added_alike(void **state)
+{
+    struct fixture *fixture = *state;
+    const VkBufferUsageFlags input = VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR;
+    const VkBufferUsageFlags from = VK_BUFFER_USAGE_TRANSFER_SRC_BIT;
+    VkBufferUsageFlags2CreateInfo wide = {.sType = VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO, .usage = input};
+    VkBufferOpaqueCaptureAddressCreateInfo before = {
+        .sType = VK_STRUCTURE_TYPE_BUFFER_OPAQUE_CAPTURE_ADDRESS_CREATE_INFO, .pNext = &wide};
+    VkBaseInStructure unknown = {.sType = (VkStructureType)0x7FFFFF00, .pNext = (const VkBaseInStructure *)&wide};
+    VkExternalMemoryBufferCreateInfo external = {.sType = VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO,
+                                                 .handleTypes = VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT};
+    const struct {
+        const char *name;
+        const void *chain;
+        VkBufferUsageFlags usage;
+        VkBufferCreateFlags flags;
+        VkBufferUsageFlags2 expected;
+    } rows[] = {
+        {"build input", NULL, input, 0, input | from},
+        {"something else", NULL, VK_BUFFER_USAGE_VERTEX_BUFFER_BIT, 0, VK_BUFFER_USAGE_VERTEX_BUFFER_BIT},
+        {"has it already", NULL, input | from, 0, input | from},
+        {"wide flags", &wide, 0, 0, input | from},
+        {"wide flags behind another structure", &before, 0, 0, input | from},
+        {"wide flags behind a structure of unknown size", &unknown, 0, 0, input},
+        {"shared memory", &external, input, 0, input},
+        {"protected", NULL, input, VK_BUFFER_CREATE_PROTECTED_BIT, input},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                   .pNext = rows[i].chain,
+                                   .flags = rows[i].flags,
+                                   .size = 64,
+                                   .usage = rows[i].usage};
+        VkDeviceBufferMemoryRequirements query = {.sType = VK_STRUCTURE_TYPE_DEVICE_BUFFER_MEMORY_REQUIREMENTS,
+                                                  .pCreateInfo = &info};
+        VkBuffer buffer;
+        gn_entry_CreateBuffer(fixture->handle, &info, NULL, &buffer);
+        VkBufferUsageFlags2 created = usage_seen;
+        gn_entry_DestroyBuffer(fixture->handle, buffer, NULL);
+        gn_entry_GetDeviceBufferMemoryRequirements(fixture->handle, &query, NULL);
+        if (created != rows[i].expected || usage_seen != rows[i].expected || info.usage != rows[i].usage || wide.usage != input)
+            fail_msg("%s: expected usage 0x%llx, created with 0x%llx, asked with 0x%llx", rows[i].name,
+                     (unsigned long long)rows[i].expected, (unsigned long long)created, (unsigned long long)usage_seen);
+    }
+}
+
+static void after_running_out_of_memory_nobody_is_accused(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM), tlas = make(fixture, TOP);
+    fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+    gn_tally_lost(fixture->device);
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_out_of_host_memory), 2);
+}
+
+static uint64_t random_next(uint64_t *seed)
+{
+    *seed ^= *seed << 13;
+    *seed ^= *seed >> 7;
+    *seed ^= *seed << 17;
+    return *seed;
+}
+
+static void map_agrees_with_an_array(void **state)
+{
+    (void)state;
+    enum { KEYS = 512, STEPS = 200000 };
+    static int values[KEYS];
+    void *expected[KEYS] = {NULL};
+    struct gn_map map = {0};
+    size_t count = 0;
+    uint64_t seed = 88172645463325252u;
+    for (int step = 0; step < STEPS; step++) {
+        size_t at = random_next(&seed) % KEYS;
+        uint64_t key = at << (at % 3 * 16); /* keys that collide in their low bits */
+        if (random_next(&seed) % 2) {
+            count += !expected[at];
+            assert_true(gn_map_put(&map, key, &values[step % KEYS]));
+            expected[at] = &values[step % KEYS];
+        } else {
+            count -= expected[at] != NULL;
+            assert_ptr_equal(gn_map_take(&map, key), expected[at]);
+            expected[at] = NULL;
+        }
+        assert_ptr_equal(gn_map_get(&map, key), expected[at]);
+        assert_int_equal(map.count, count);
+    }
+    gn_map_finish(&map);
+}
+
+static void ranges_agree_with_a_loop(void **state)
+{
+    (void)state;
+    enum { NODES = 200, STEPS = 20000 };
+    struct gn_range nodes[NODES];
+    bool in[NODES] = {false};
+    struct gn_ranges ranges = {0};
+    uint64_t seed = 88172645463325252u;
+    int found_some = 0, found_none = 0;
+    memset(nodes, 0, sizeof nodes);
+    for (int step = 0; step < STEPS; step++) {
+        size_t at = random_next(&seed) % NODES;
+        if (in[at]) {
+            gn_ranges_remove(&ranges, &nodes[at]);
+        } else {
+            nodes[at].base = random_next(&seed) % 64 * 16;
+            nodes[at].size = 1 + random_next(&seed) % 96;
+            gn_ranges_insert(&ranges, &nodes[at]);
+        }
+        in[at] = !in[at];
+        uint64_t base = random_next(&seed) % 1100, size = 1 + random_next(&seed) % 64;
+        struct gn_range *found = gn_ranges_holding(&ranges, base, size);
+        bool exists = false;
+        for (int i = 0; i < NODES; i++)
+            exists |= in[i] && nodes[i].base <= base && base + size <= nodes[i].base + nodes[i].size;
+        assert_int_equal(found != NULL, exists);
+        if (found)
+            assert_true(found->base <= base && base + size <= found->base + found->size);
+        exists ? found_some++ : found_none++;
+    }
+    assert_true(found_some > 1000 && found_none > 1000);
+    assert_null(gn_ranges_holding(&ranges, UINT64_MAX - 1, 16));
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test_setup_teardown(host_build_of_an_unbuilt_blas, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(host_build_that_failed_built_nothing, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(host_copy_and_deferred_build_count_as_built, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(host_build_before_a_device_build, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(two_queues_are_not_judged_by_submission_order, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(an_indirect_build_counts_as_built, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_refused_submission_is_not_judged, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_lost_device_is_not_judged, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_fence_that_is_reset_has_completed, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_device_destroyed_before_completion, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(destroyed_while_the_build_is_pending, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(usage_is_added_alike, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(after_running_out_of_memory_nobody_is_accused, set_up, tear_down),
+        cmocka_unit_test(map_agrees_with_an_array),
+        cmocka_unit_test(ranges_agree_with_a_loop),
+    };
+    return cmocka_run_group_tests_name("parts", tests, NULL, NULL);
+}
