@@ -4,14 +4,25 @@
 
 extern const struct gn_rule gn_rule_tlas_blas_never_built;
 
+static bool lacks_build(const struct gn_structure *blas)
+{
+    return blas->built == GN_BUILT_NEVER || blas->built == GN_BUILT_LATER;
+}
+
 static void tlas_blas_never_built(const struct gn_tlas_build *build, struct gn_report *report)
 {
+    /* A TLAS has many instances of few BLASes, and nearly always all of them are built. */
+    uint32_t first = 0;
+    while (first < build->structure_count && !lacks_build(&build->structures[first]))
+        first++;
+    if (first == build->structure_count)
+        return;
     for (uint32_t i = 0; i < build->instance_count; i++) {
         uint32_t index = build->refers_to[i];
         if (index >= build->structure_count)
             continue;
         const struct gn_structure *blas = &build->structures[index];
-        if (blas->built != GN_BUILT_NEVER && blas->built != GN_BUILT_LATER)
+        if (!lacks_build(blas))
             continue;
         uint64_t site = gn_report_site(report, build->tlas_id, blas->id);
         if (!gn_report_is_new(report, site))
