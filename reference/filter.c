@@ -153,7 +153,7 @@ CLONES void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_r
             out->edge_error[i][l] = eps * (1.5 * (n[j][l] + n[k][l]) + 4 * eps);
         }
     }
-    unsigned open = 0, certain = 0;
+    unsigned open = 0, certain = 0, used = 0;
     for (int l = 0; l < N; l++) {
         unsigned positive = 0, negative = 0;
         for (int i = 0; i < 3; i++) {
@@ -163,11 +163,13 @@ CLONES void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_r
         /* Written so that a NaN is out of range. */
         bool in_range = size[l] >= LEAST_SIZE && out->vertex_error[l] <= MOST_ERROR;
         bool missed = in_range && positive > 0 && negative > 0;
-        open |= (unsigned)(!missed && block->id[l] != GN_REF_NONE) << l;
+        used |= (unsigned)(block->id[l] != GN_REF_NONE) << l;
+        open |= (unsigned)!missed << l;
         certain |= (unsigned)(in_range && (positive == 3 || negative == 3)) << l;
     }
-    out->open = open;
-    out->certain = certain & open;
+    out->used = used;
+    out->open = open & used;
+    out->certain = certain & open & used;
 }
 
 void gn_ref_filter_lane(struct gn_ref_lane *out, const struct gn_ref_filter *filter, int lane)

@@ -515,8 +515,8 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
         if (type == GN_REF_TRIANGLES)
             scene->triangle_count = flat.count;
     }
-    if (!gn_ref_bvh_build(&scene->bvh, (const struct gn_ref_vertex (*)[3])flat.triangles, scene->triangle_count, flat.bounds, flat.count, scene->error,
-                          sizeof scene->error))
+    if (!gn_ref_bvh_build(&scene->bvh, (const struct gn_ref_vertex (*)[3])flat.triangles, scene->triangle_count,
+                          flat.bounds, flat.count, scene->error, sizeof scene->error))
         goto out;
     scene->primitives = flat.primitives;
     scene->primitive_count = flat.count;

@@ -202,6 +202,7 @@ unsigned gn_ref_filter_node_f64(double near[GN_REF_NODE_WIDTH], const struct gn_
 
 /* The f64 filter's view of the four triangles of a block. Bit l of a mask is lane l. */
 struct gn_ref_filter {
+    unsigned used; /* holds a triangle at all */
     unsigned open; /* not certainly missed by the ray's line */
     unsigned certain; /* of these: certainly met */
     double edge[3][GN_REF_BLOCK_WIDTH]; /* U, V, W over the direction's depth */

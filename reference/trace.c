@@ -451,7 +451,7 @@ static void leaf_visit(struct trace *trace, const struct gn_ref_leaf *leaf, bool
         const struct gn_ref_block *block = &bvh->blocks[leaf->first_block + i];
         struct gn_ref_filter filter;
         gn_ref_filter_block_f64(&filter, block, &trace->setup);
-        trace->filtered += GN_REF_BLOCK_WIDTH - (unsigned)__builtin_popcount(filter.open);
+        trace->filtered += (unsigned)__builtin_popcount(filter.used & ~filter.open);
         for (unsigned open = filter.open; open; open &= open - 1) {
             int lane = __builtin_ctz(open);
             triangle_consider(trace, &filter, lane, block->id[lane]);
