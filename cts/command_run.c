@@ -34,12 +34,14 @@ enum {
 static const struct argp_option options[] = {
     {"driver", OPTION_DRIVER, "ICD.json|NAME", 0,
      "The driver: the path of its ICD file, or lavapipe (the default, unless VK_DRIVER_FILES chooses)", 0},
-    {"backend", OPTION_BACKEND, "NAME", 0, "How rays are traced: query or all (pipeline is not in this version)", 0},
+    {"backend", OPTION_BACKEND, "NAME", 0,
+     "How rays are traced: query or all (pipeline is not in this version)", 0},
     {"out", OPTION_OUT, "DIR", 0, "Where the reports go (default: gnomon-out)", 0},
     {"jobs", OPTION_JOBS, "N", 0, "How many worker processes (default: one per CPU)", 0},
     {"seed", OPTION_SEED, "S", 0, "Seed of the random scenes and rays, up to 2^64-1 (default: 1)", 0},
     {"scale", OPTION_SCALE, "X", 0, "Trace X times as many rays in the cases that allow it (default: 1)", 0},
-    {"timeout", OPTION_TIMEOUT, "SECONDS", 0, "For one case (default: 60); a worker that exceeds it is killed", 0},
+    {"timeout", OPTION_TIMEOUT, "SECONDS", 0,
+     "For one case (default: 60); a worker that exceeds it is killed", 0},
     {"max-fails", OPTION_MAX_FAILS, "N", 0, "Stop after N failures", 0},
     {"shard", OPTION_SHARD, "I/N", 0, "Only the I-th of N parts of the cases, by the hash of their names", 0},
     {"resume", OPTION_RESUME, NULL, 0, "Go on with an interrupted run in the same folder", 0},
@@ -74,7 +76,8 @@ static uint64_t parse_number(struct argp_state *state, const char *option, const
     return value;
 }
 
-static double parse_real(struct argp_state *state, const char *option, const char *text, double least, double most)
+static double parse_real(struct argp_state *state, const char *option, const char *text, double least,
+                         double most)
 {
     char *end;
     double value = strtod(text, &end);
@@ -195,7 +198,8 @@ static const char *utc_now(struct gn_arena *arena)
 }
 
 static int run_selected(const struct arguments *arguments, const struct gn_expectations *expectations,
-                        const struct gn_selected *cases, size_t count, const char *typed, struct gn_results *results)
+                        const struct gn_selected *cases, size_t count, const char *typed,
+                        struct gn_results *results)
 {
     char error[1024];
     const char *driver = gn_driver_resolve(arguments->driver, &results->arena, error, sizeof error);
@@ -223,14 +227,21 @@ static int run_selected(const struct arguments *arguments, const struct gn_expec
 int gn_command_run(int argc, char **argv)
 {
     static const struct argp argp = {
-        options, parse, "[FILTER...]",
+        options,
+        parse,
+        "[FILTER...]",
         "Traces rays on a Vulkan driver and judges every answer against exact arithmetic.\v"
-        "A FILTER is the name of a case, in which * stands for any characters: 'query.flags.*'. Without one every "
+        "A FILTER is the name of a case, in which * stands for any characters: 'query.flags.*'. Without one "
+        "every "
         "case runs. Written to DIR: report.html, results.jsonl, results.csv, junit.xml.\n\n"
-        "Exit status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness itself failed or was "
+        "Exit status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness itself failed or "
+        "was "
         "interrupted, 4 nothing ran.",
-        NULL, NULL, NULL};
-    struct arguments arguments = {.out = "gnomon-out", .seed = 1, .shard = 1, .shard_count = 1, .scale = 1, .timeout = 60};
+        NULL,
+        NULL,
+        NULL};
+    struct arguments arguments = {
+        .out = "gnomon-out", .seed = 1, .shard = 1, .shard_count = 1, .scale = 1, .timeout = 60};
     struct gn_expectations expectations = {0};
     struct gn_results results;
     char error[1024];
@@ -246,8 +257,8 @@ int gn_command_run(int argc, char **argv)
     if (argp_parse(&argp, argc, argv, 0, NULL, &arguments) != 0)
         goto done;
 
-    size_t count = gn_select(cases, catalogue_count, arguments.filters, arguments.filter_count, arguments.shard,
-                             arguments.shard_count, error, sizeof error);
+    size_t count = gn_select(cases, catalogue_count, arguments.filters, arguments.filter_count,
+                             arguments.shard, arguments.shard_count, error, sizeof error);
     if (count == SIZE_MAX) {
         fprintf(stderr, "gnomon: nothing ran: %s\n", error);
         exit_status = 4;
@@ -260,7 +271,8 @@ int gn_command_run(int argc, char **argv)
         goto done;
     }
     if (!count) {
-        fprintf(stderr, "gnomon: nothing ran: no case is in shard %u/%u\n", arguments.shard, arguments.shard_count);
+        fprintf(stderr, "gnomon: nothing ran: no case is in shard %u/%u\n", arguments.shard,
+                arguments.shard_count);
         exit_status = 4;
         goto done;
     }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The commands of the `gnomon` program. Each takes its arguments with argv[0] "gnomon COMMAND" and gives the exit
- * status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness failed, 4 nothing ran. */
+/* The commands of the `gnomon` program. Each takes its arguments with argv[0] "gnomon COMMAND" and gives the
+ * exit status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness failed, 4 nothing ran. */
 #ifndef GNOMON_CTS_COMMANDS_H
 #define GNOMON_CTS_COMMANDS_H
 

@@ -34,17 +34,19 @@ const char *gn_describe_answer(const struct gn_ref_answer *answer, char *out, si
         snprintf(out, size, "a miss");
     else if (answer->kind == GN_REF_ANSWER_TRIANGLE)
         snprintf(out, size,
-                 "triangle %u of geometry %u, instance %u (custom index 0x%X, SBT offset 0x%X), %s, t = %.9g (%a), "
+                 "triangle %u of geometry %u, instance %u (custom index 0x%X, SBT offset 0x%X), %s, t = %.9g "
+                 "(%a), "
                  "barycentrics %.9g, %.9g",
-                 answer->primitive, answer->geometry, answer->instance, answer->custom_index, answer->sbt_offset,
-                 answer->front ? "front" : "back", (double)answer->t, (double)answer->t,
+                 answer->primitive, answer->geometry, answer->instance, answer->custom_index,
+                 answer->sbt_offset, answer->front ? "front" : "back", (double)answer->t, (double)answer->t,
                  (double)answer->barycentrics[0], (double)answer->barycentrics[1]);
     else
-        snprintf(out, size,
-                 "a hit generated for AABB %u of geometry %u, instance %u (custom index 0x%X, SBT offset 0x%X), "
-                 "t = %.9g (%a)",
-                 answer->primitive, answer->geometry, answer->instance, answer->custom_index, answer->sbt_offset,
-                 (double)answer->t, (double)answer->t);
+        snprintf(
+            out, size,
+            "a hit generated for AABB %u of geometry %u, instance %u (custom index 0x%X, SBT offset 0x%X), "
+            "t = %.9g (%a)",
+            answer->primitive, answer->geometry, answer->instance, answer->custom_index, answer->sbt_offset,
+            (double)answer->t, (double)answer->t);
     return out;
 }
 
@@ -54,16 +56,18 @@ const char *gn_describe_ideal(const struct gn_ref_verdict *verdict, char *out, s
     if (!verdict->ideal_hit)
         snprintf(out, size, "a miss");
     else if (ideal->type == GN_REF_TRIANGLES)
-        snprintf(out, size, "triangle %u of geometry %u, instance %u, %s, t = %.17g, barycentrics %.12g, %.12g",
-                 ideal->primitive, ideal->geometry, ideal->instance, ideal->front ? "front" : "back", ideal->t,
-                 ideal->beta, ideal->gamma);
+        snprintf(out, size,
+                 "triangle %u of geometry %u, instance %u, %s, t = %.17g, barycentrics %.12g, %.12g",
+                 ideal->primitive, ideal->geometry, ideal->instance, ideal->front ? "front" : "back",
+                 ideal->t, ideal->beta, ideal->gamma);
     else
-        snprintf(out, size, "AABB %u of geometry %u, instance %u, t = %.17g", ideal->primitive, ideal->geometry,
-                 ideal->instance, ideal->t);
+        snprintf(out, size, "AABB %u of geometry %u, instance %u, t = %.17g", ideal->primitive,
+                 ideal->geometry, ideal->instance, ideal->t);
     return out;
 }
 
-static void row_text(struct gn_answer_row *row, bool hit, const char *answer, bool ideal_hit, const char *ideal)
+static void row_text(struct gn_answer_row *row, bool hit, const char *answer, bool ideal_hit,
+                     const char *ideal)
 {
     snprintf(row->answer, sizeof row->answer, "%s", hit ? answer : "-");
     snprintf(row->ideal, sizeof row->ideal, "%s", ideal_hit ? ideal : "-");
@@ -87,8 +91,14 @@ size_t gn_describe_rows(const struct gn_ref_verdict *verdict, const struct gn_re
     char a[48], b[48];
     memset(out, 0, GN_ANSWER_ROWS * sizeof *out);
     out[0].label = "result";
-    row_text(&out[0], true, !hit ? "miss" : triangle ? "hit on a triangle" : "hit generated for an AABB", true,
-             !ideal_hit ? "miss" : ideal_triangle ? "hit on a triangle" : "hit in an AABB");
+    row_text(&out[0], true,
+             !hit       ? "miss"
+             : triangle ? "hit on a triangle"
+                        : "hit generated for an AABB",
+             true,
+             !ideal_hit       ? "miss"
+             : ideal_triangle ? "hit on a triangle"
+                              : "hit in an AABB");
     out[0].differs = hit != ideal_hit || (hit && triangle != ideal_triangle);
     if (!hit && !ideal_hit)
         return 1;

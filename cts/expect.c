@@ -18,7 +18,8 @@ static char *trim(char *text)
     return text;
 }
 
-/* One line without its newline. A comment above an entry is its reason; an empty line ends a comment's reach. */
+/* One line without its newline. A comment above an entry is its reason; an empty line ends a comment's
+ * reach. */
 static bool read_line(struct gn_expectations *expectations, char *line, const char *path, size_t number,
                       const char **reason, bool *reason_used, struct gn_arena *arena, char *out_error,
                       size_t error_size)
@@ -52,7 +53,8 @@ static bool read_line(struct gn_expectations *expectations, char *line, const ch
             word = words[i];
     if (!word || !*name) {
         snprintf(out_error, error_size,
-                 "%s:%zu: expected a name and one of Pass, Fail, Skip, Crash, Timeout, found '%.200s' and '%.100s'",
+                 "%s:%zu: expected a name and one of Pass, Fail, Skip, Crash, Timeout, found '%.200s' and "
+                 "'%.100s'",
                  path, number, name, status);
         return false;
     }
@@ -63,8 +65,9 @@ static bool read_line(struct gn_expectations *expectations, char *line, const ch
         return false;
     }
     expectations->list = grown;
-    grown[expectations->count++] = (struct gn_expectation){
-        gn_arena_printf(arena, "%s", name), word, *behind ? behind : *reason, gn_arena_printf(arena, "%s:%zu", path, number)};
+    grown[expectations->count++] =
+        (struct gn_expectation){gn_arena_printf(arena, "%s", name), word, *behind ? behind : *reason,
+                                gn_arena_printf(arena, "%s:%zu", path, number)};
     *reason_used = true;
     return true;
 }

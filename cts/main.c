@@ -16,7 +16,8 @@ static const struct {
     const char *help; /* NULL: not for use by hand */
 } commands[] = {
     {"run", gn_command_run, "gnomon run", "run the conformance suite on a driver and write reports"},
-    {"replay", gn_command_replay, "gnomon replay", "re-run a failing ray or case and explain it step by step"},
+    {"replay", gn_command_replay, "gnomon replay",
+     "re-run a failing ray or case and explain it step by step"},
     {"worker", gn_worker_main, "gnomon worker", NULL},
 };
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])
@@ -32,9 +33,11 @@ static void usage(FILE *file)
 {
     fprintf(file, "usage: gnomon COMMAND [OPTION...]\n\n");
     list_commands(file);
-    fprintf(file, "\n`gnomon COMMAND --help` describes its options; `gnomon --version` says which version this is.\n"
-                  "Exit status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness itself failed,\n"
-                  "4 nothing ran.\n");
+    fprintf(
+        file,
+        "\n`gnomon COMMAND --help` describes its options; `gnomon --version` says which version this is.\n"
+        "Exit status: 0 as expected, 1 failures, 2 wrong usage or bad input, 3 the harness itself failed,\n"
+        "4 nothing ran.\n");
 }
 
 int main(int argc, char **argv)

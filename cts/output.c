@@ -54,7 +54,8 @@ bool gn_output_open(struct gn_output *output, const char *folder, struct gn_resu
         goto done;
     }
     if (flock(output->fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-        snprintf(out_error, error_size, "%s is in use by another run; choose another folder with --out", folder);
+        snprintf(out_error, error_size, "%s is in use by another run; choose another folder with --out",
+                 folder);
         goto done;
     }
     /* An earlier file that cannot be understood only matters to --resume, which reads it again. */
@@ -98,7 +99,8 @@ static bool same_run(const struct gn_results_run *a, const struct gn_results_run
         what = "seed";
     else if (a->scale < b->scale || a->scale > b->scale)
         what = "scale";
-    else if (strcmp(a->device.name, b->device.name) != 0 || a->device.driver_version != b->device.driver_version ||
+    else if (strcmp(a->device.name, b->device.name) != 0 ||
+             a->device.driver_version != b->device.driver_version ||
              strcmp(a->device.driver_info, b->device.driver_info) != 0 ||
              memcmp(a->device.driver_uuid, b->device.driver_uuid, VK_UUID_SIZE) != 0)
         what = "device or driver version";
@@ -107,8 +109,8 @@ static bool same_run(const struct gn_results_run *a, const struct gn_results_run
     return !what;
 }
 
-static bool resume_run(struct gn_output *output, struct gn_results *results, int *out_exit_status, char *out_error,
-                       size_t error_size)
+static bool resume_run(struct gn_output *output, struct gn_results *results, int *out_exit_status,
+                       char *out_error, size_t error_size)
 {
     struct gn_results_run earlier;
     char *run_path = path_of(output->folder, "run.json"), *path = path_of(output->folder, "results.jsonl");
@@ -151,7 +153,8 @@ bool gn_output_begin(struct gn_output *output, struct gn_results *results, bool 
     *out_exit_status = 3;
     /* A device such as /dev/full in the file's place cannot be cut; writing to it will say what is wrong. */
     struct stat info;
-    if (fstat(output->fd, &info) == 0 && S_ISREG(info.st_mode) && ftruncate(output->fd, output->length) != 0) {
+    if (fstat(output->fd, &info) == 0 && S_ISREG(info.st_mode) &&
+        ftruncate(output->fd, output->length) != 0) {
         snprintf(out_error, error_size, "cannot write %s/results.jsonl: %s", output->folder, strerror(errno));
         return false;
     }
@@ -164,7 +167,8 @@ bool gn_output_begin(struct gn_output *output, struct gn_results *results, bool 
     return write_run(output, &results->run, out_error, error_size);
 }
 
-static bool append_line(struct gn_output *output, const char *text, size_t length, char *out_error, size_t error_size)
+static bool append_line(struct gn_output *output, const char *text, size_t length, char *out_error,
+                        size_t error_size)
 {
     const char *parts[] = {text, "\n"};
     size_t lengths[] = {length, 1};
@@ -206,7 +210,8 @@ static bool write_picture(const struct gn_output *output, const struct gn_result
 }
 
 static bool write_replay(const struct gn_output *output, const struct gn_results_run *run,
-                         const struct gn_results_case *cs, const char *name, char *out_error, size_t error_size)
+                         const struct gn_results_case *cs, const char *name, char *out_error,
+                         size_t error_size)
 {
     size_t length = 0;
     char *folder = path_of(output->folder, "replay"), *path = path_of(output->folder, name);
@@ -273,7 +278,8 @@ bool gn_output_case(struct gn_output *output, const struct gn_results_run *run, 
     return ok;
 }
 
-bool gn_output_end(struct gn_output *output, const struct gn_results *results, char *out_error, size_t error_size)
+bool gn_output_end(struct gn_output *output, const struct gn_results *results, char *out_error,
+                   size_t error_size)
 {
     static const struct {
         const char *name;

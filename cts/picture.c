@@ -13,8 +13,8 @@
 /* A picture's last row may have fewer rays than it is wide; the rest is this, and transparent. */
 #define NO_RAY 0xFF
 
-/* The worse, the darker, so that hue is not needed to tell them apart and a single bad ray shows among good ones;
- * of each pair the darker is where the ray ideally misses. */
+/* The worse, the darker, so that hue is not needed to tell them apart and a single bad ray shows among good
+ * ones; of each pair the darker is where the ray ideally misses. */
 uint32_t gn_picture_colour(uint8_t value)
 {
     static const uint32_t hit[GN_REF_VERDICT_CLASS_COUNT] = {
@@ -67,7 +67,8 @@ static void give_up(png_structp png, png_const_charp text)
 }
 
 /* The worst byte of a block; where classes are equal, a hit before a miss. */
-static uint8_t worst(const uint8_t *image, uint32_t width, uint32_t height, uint32_t x, uint32_t y, uint32_t step)
+static uint8_t worst(const uint8_t *image, uint32_t width, uint32_t height, uint32_t x, uint32_t y,
+                     uint32_t step)
 {
     uint8_t found = NO_RAY;
     for (uint32_t j = y * step; j < height && j < (y + 1) * step; j++) {
@@ -75,7 +76,8 @@ static uint8_t worst(const uint8_t *image, uint32_t width, uint32_t height, uint
             uint8_t value = image[(size_t)j * width + i];
             if (value == NO_RAY)
                 continue;
-            bool worse = (value & 0x7F) > (found & 0x7F) || ((value & 0x7F) == (found & 0x7F) && value < found);
+            bool worse =
+                (value & 0x7F) > (found & 0x7F) || ((value & 0x7F) == (found & 0x7F) && value < found);
             if (found == NO_RAY || worse)
                 found = value;
         }
@@ -84,8 +86,8 @@ static uint8_t worst(const uint8_t *image, uint32_t width, uint32_t height, uint
 }
 
 /* Apart from its caller, whose variables a jump out of libpng must not touch. */
-static bool write_png(png_structp png, png_infop info, struct bytes *out, const uint8_t *image, uint32_t width,
-                      uint32_t height, uint32_t step, uint8_t *row)
+static bool write_png(png_structp png, png_infop info, struct bytes *out, const uint8_t *image,
+                      uint32_t width, uint32_t height, uint32_t step, uint8_t *row)
 {
     enum { COLOURS = 2 * GN_REF_VERDICT_CLASS_COUNT };
     png_color palette[COLOURS + 1];

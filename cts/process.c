@@ -68,19 +68,24 @@ static int high(int fd)
     return moved;
 }
 
-bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed, double scale, char *out_error,
-                      size_t error_size)
+bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed, double scale,
+                      char *out_error, size_t error_size)
 {
     int in[2] = {-1, -1}, out[2] = {-1, -1}, null = -1;
     char seed_text[32], scale_text[64];
     *process = (struct gn_process){0, -1, -1, -1, NULL, 0, 0};
     snprintf(seed_text, sizeof seed_text, "%" PRIu64, seed);
     snprintf(scale_text, sizeof scale_text, "%a", scale);
-    char *arguments[] = {(char *)(uintptr_t)"gnomon", (char *)(uintptr_t)"worker", (char *)(uintptr_t)icd, seed_text,
-                         scale_text, NULL};
+    char *arguments[] = {(char *)(uintptr_t) "gnomon",
+                         (char *)(uintptr_t) "worker",
+                         (char *)(uintptr_t)icd,
+                         seed_text,
+                         scale_text,
+                         NULL};
 
     null = high(open("/dev/null", O_RDWR | O_CLOEXEC));
-    /* Opened by its name in /proc for an append mode of its own: the worker's prints then survive our truncation. */
+    /* Opened by its name in /proc for an append mode of its own: the worker's prints then survive our
+     * truncation. */
     int memory = memfd_create("gnomon-worker-output", MFD_CLOEXEC);
     if (memory >= 0) {
         char path[64];

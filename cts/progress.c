@@ -60,7 +60,8 @@ const char *gn_format_duration(double seconds, char out[32])
     else if (seconds < 3600)
         snprintf(out, 32, "%d:%02d min", (int)seconds / 60, (int)seconds % 60);
     else
-        snprintf(out, 32, "%.0f:%02d h", (double)((long long)seconds / 3600), (int)((long long)seconds / 60 % 60));
+        snprintf(out, 32, "%.0f:%02d h", (double)((long long)seconds / 3600),
+                 (int)((long long)seconds / 60 % 60));
     return out;
 }
 
@@ -107,7 +108,8 @@ static void describe(const struct gn_progress *progress, double now, char *out, 
     const struct {
         size_t count;
         const char *word;
-    } kinds[] = {{progress->failed, "failed"}, {progress->leaked, "leaked"}, {progress->other, "crashed or stuck"}};
+    } kinds[] = {
+        {progress->failed, "failed"}, {progress->leaked, "leaked"}, {progress->other, "crashed or stuck"}};
     for (size_t i = 0; i < sizeof kinds / sizeof kinds[0]; i++)
         if (kinds[i].count && used > 0 && (size_t)used < size)
             used += snprintf(out + used, size - (size_t)used, "  %zu %s", kinds[i].count, kinds[i].word);
@@ -175,8 +177,9 @@ void gn_progress_case(struct gn_progress *progress, const struct gn_results_case
         progress->other++;
     /* On a terminal the list at the end is enough; a log wants to be read while it grows. */
     if (!progress->terminal)
-        fprintf(stderr, "%s %s: %s\n", cs->outcome == GN_OUTCOME_UNEXPECTED_PASS ? "unexpected pass"
-                                                                                  : gn_case_status_name(cs->status),
+        fprintf(stderr, "%s %s: %s\n",
+                cs->outcome == GN_OUTCOME_UNEXPECTED_PASS ? "unexpected pass"
+                                                          : gn_case_status_name(cs->status),
                 cs->name, cs->message);
 }
 

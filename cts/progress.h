@@ -32,11 +32,13 @@ void gn_progress_case(struct gn_progress *progress, const struct gn_results_case
 /* Shows where the run is if it is time; call it often. */
 void gn_progress_tick(struct gn_progress *progress);
 /* Prints a line of its own. */
-void gn_progress_message(struct gn_progress *progress, const char *format, ...) __attribute__((format(printf, 2, 3)));
+void gn_progress_message(struct gn_progress *progress, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
 /* Clears the updating line. */
 void gn_progress_finish(struct gn_progress *progress);
 
-/* The end of a run, on stdout: verdict, numbers, failures with their replay commands, slowest cases, report. */
+/* The end of a run, on stdout: verdict, numbers, failures with their replay commands, slowest cases,
+ * report. */
 void gn_summary_print(const struct gn_results *results, const char *out);
 
 /* A path as a shell takes it, quoted where needed; malloc'ed. */

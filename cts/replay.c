@@ -66,8 +66,8 @@ static void print_vector(const char *name, const float *v)
     char row[3][40];
     for (int i = 0; i < 3; i++)
         snprintf(row[i], sizeof row[i], "%.9g", (double)v[i]);
-    printf("   %-10s %-16s %-16s %-16s  (%a, %a, %a)\n", name, row[0], row[1], row[2], (double)v[0], (double)v[1],
-           (double)v[2]);
+    printf("   %-10s %-16s %-16s %-16s  (%a, %a, %a)\n", name, row[0], row[1], row[2], (double)v[0],
+           (double)v[1], (double)v[2]);
 }
 
 static void explain_ray(const struct gn_case_offender *offender)
@@ -77,8 +77,8 @@ static void explain_ray(const struct gn_case_offender *offender)
     printf("\n1. The ray: number %u of trace %u, counted from 0\n", offender->ray_index, offender->trace);
     print_vector("origin", ray->origin);
     print_vector("direction", ray->direction);
-    printf("   %-10s from %.9g to %.9g, both excluded for triangles  (%a, %a)\n", "t range", (double)ray->tmin,
-           (double)ray->tmax, (double)ray->tmin, (double)ray->tmax);
+    printf("   %-10s from %.9g to %.9g, both excluded for triangles  (%a, %a)\n", "t range",
+           (double)ray->tmin, (double)ray->tmax, (double)ray->tmin, (double)ray->tmax);
     printf("   %-10s 0x%X: %s\n", "flags", ray->flags, gn_describe_ray_flags(ray->flags, text, sizeof text));
     printf("   %-10s 0x%02X\n", "mask", ray->cull_mask & 0xFF);
 }
@@ -95,13 +95,13 @@ static void explain_nearest(const struct gn_case_result *result)
         shown = (size_t)result->nearest_count;
     if ((int64_t)shown < result->nearest_count)
         printf(" (%zu of %lld)", shown, (long long)result->nearest_count);
-    printf("\n   %-20s %-9s %8s %8s %9s  %-6s %-10s %s\n", "t", "kind", "instance", "geometry", "primitive", "facing",
-           "opacity", "barycentrics");
+    printf("\n   %-20s %-9s %8s %8s %9s  %-6s %-10s %s\n", "t", "kind", "instance", "geometry", "primitive",
+           "facing", "opacity", "barycentrics");
     for (size_t i = 0; i < shown; i++) {
         const struct gn_ref_hit *hit = &result->nearest[i];
         bool triangle = hit->type == GN_REF_TRIANGLES;
-        printf("   %-20.12g %-9s %8u %8u %9u  %-6s %-10s", hit->t, triangle ? "triangle" : "AABB", hit->instance,
-               hit->geometry, hit->primitive, triangle ? (hit->front ? "front" : "back") : "-",
+        printf("   %-20.12g %-9s %8u %8u %9u  %-6s %-10s", hit->t, triangle ? "triangle" : "AABB",
+               hit->instance, hit->geometry, hit->primitive, triangle ? (hit->front ? "front" : "back") : "-",
                hit->opaque ? "opaque" : "not opaque");
         if (triangle)
             printf(" %.9g, %.9g\n", hit->beta, hit->gamma);
@@ -119,7 +119,8 @@ static void explain_verdict(const struct gn_ref_verdict *verdict)
         printf("   hit error: %.4g units of 2^-24, %.4g allowed\n", verdict->hit_error,
                verdict->hit_bound > 0 ? verdict->hit_bound : gn_ref_verdict_bound());
     if (verdict->margin > 0)
-        printf("   margin of the decision that differs: %.4g units of 2^-24; up to %.4g it is open to rounding\n",
+        printf("   margin of the decision that differs: %.4g units of 2^-24; up to %.4g it is open to "
+               "rounding\n",
                verdict->margin, gn_ref_verdict_bound());
 }
 
@@ -162,7 +163,8 @@ static int explain(const struct gn_replay *replay, const struct gn_selected *sel
     printf("\n");
     if (!failed && one_ray) {
         char *quoted = gn_shell_quote(file);
-        printf("The ray alone may be answered otherwise than among others; the whole case: %s replay --case %s\n",
+        printf("The ray alone may be answered otherwise than among others; the whole case: %s replay --case "
+               "%s\n",
                gn_command_name, quoted ? quoted : file);
         free(quoted);
     }
@@ -203,13 +205,19 @@ static int explain_apart(const struct gn_replay *replay, const struct gn_selecte
 
 int gn_command_replay(int argc, char **argv)
 {
-    static const struct argp argp = {
-        options, parse, "FILE",
-        "Runs one failing ray, or case, again and explains step by step what was asked, what the driver answered and "
-        "why that is wrong.\vA run writes a FILE for each case that fails: DIR/replay/NAME.json.\n\nExit status: 0 when "
-        "it does not fail any more, 1 when it does, 2 wrong usage or bad input, 3 the harness itself failed, 4 nothing "
-        "ran.",
-        NULL, NULL, NULL};
+    static const struct argp argp = {options,
+                                     parse,
+                                     "FILE",
+                                     "Runs one failing ray, or case, again and explains step by step what "
+                                     "was asked, what the driver answered and "
+                                     "why that is wrong.\vA run writes a FILE for each case that fails: "
+                                     "DIR/replay/NAME.json.\n\nExit status: 0 when "
+                                     "it does not fail any more, 1 when it does, 2 wrong usage or bad input, "
+                                     "3 the harness itself failed, 4 nothing "
+                                     "ran.",
+                                     NULL,
+                                     NULL,
+                                     NULL};
     struct arguments arguments = {.timeout = 60};
     struct gn_arena arena = {0};
     struct gn_selected *catalogue = NULL;
@@ -230,8 +238,8 @@ int gn_command_replay(int argc, char **argv)
     catalogue = gn_catalogue(&arena, &count);
     const struct gn_selected *selected = gn_catalogue_find(catalogue, count, replay.name);
     if (!selected) {
-        fprintf(stderr, "gnomon: %s: this version (%s) has no case named '%s'\n", arguments.file, gn_version(),
-                replay.name);
+        fprintf(stderr, "gnomon: %s: this version (%s) has no case named '%s'\n", arguments.file,
+                gn_version(), replay.name);
         goto done;
     }
     const char *icd = replay.driver;

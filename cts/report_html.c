@@ -136,15 +136,20 @@ static void put_meaning(FILE *file)
 {
     static const char *const meanings[GN_REF_VERDICT_CLASS_COUNT] = {
         [GN_REF_EXACT] = "the answer of exact arithmetic; its numbers are within the bound",
-        [GN_REF_ADMISSIBLE] = "another answer than the exact one, at a decision so close that floating point may take it either way",
+        [GN_REF_ADMISSIBLE] = "another answer than the exact one, at a decision so close that floating point "
+                              "may take it either way",
         [GN_REF_GAP] = "a hit lost at a border or a silhouette, that close: allowed, and counted",
-        [GN_REF_LEAK] = "a hit lost between triangles that share an edge or a vertex and leave no way through",
+        [GN_REF_LEAK] =
+            "a hit lost between triangles that share an edge or a vertex and leave no way through",
         [GN_REF_DOUBLE_HIT] = "one crossing of a shared edge or vertex presented twice",
         [GN_REF_WRONG] = "no rounding explains it",
     };
-    fputs("<h2>How answers are judged</h2>\n<p>Each ray is also traced in exact arithmetic. An answer is right when it "
-          "is the exact one, or when moving the numbers of the problem by a few units of 2<sup>-24</sup> of their size, as "
-          "the rounding of 32-bit floats does, would make it so. The bound is derived from the arithmetic, not tuned.</p>\n"
+    fputs("<h2>How answers are judged</h2>\n<p>Each ray is also traced in exact arithmetic. An answer is "
+          "right when it "
+          "is the exact one, or when moving the numbers of the problem by a few units of 2<sup>-24</sup> of "
+          "their size, as "
+          "the rounding of 32-bit floats does, would make it so. The bound is derived from the arithmetic, "
+          "not tuned.</p>\n"
           "<div class=meaning>",
           file);
     for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++) {
@@ -180,8 +185,9 @@ static void family_add(struct family *family, const struct gn_results_case *cs)
 static void put_family(FILE *file, const struct family *f, uint64_t all_rays, bool total)
 {
     static const char *const words[GN_CASE_STATUS_COUNT] = {
-        [GN_CASE_PASS] = "passed",     [GN_CASE_FAIL] = "failed",       [GN_CASE_LEAK] = "leaked",  [GN_CASE_SKIP] = "skipped",
-        [GN_CASE_CRASH] = "crashed", [GN_CASE_TIMEOUT] = "timed out", [GN_CASE_ERROR] = "error"};
+        [GN_CASE_PASS] = "passed",  [GN_CASE_FAIL] = "failed",   [GN_CASE_LEAK] = "leaked",
+        [GN_CASE_SKIP] = "skipped", [GN_CASE_CRASH] = "crashed", [GN_CASE_TIMEOUT] = "timed out",
+        [GN_CASE_ERROR] = "error"};
     double median = f->median_weight ? f->median_sum / (double)f->median_weight : 0;
     fprintf(file, "<tr%s><td>", total ? " class=total" : "");
     text(file, f->name);
@@ -191,8 +197,8 @@ static void put_family(FILE *file, const struct family *f, uint64_t all_rays, bo
         if (!f->by_status[s])
             continue;
         bool bad = gn_case_status_is_failure((enum gn_case_status)s);
-        fprintf(file, "%s%s%s %s%s", separator, bad ? "<b style=\"color:var(--bad)\">" : "", grouped(f->by_status[s]),
-                words[s], bad ? "</b>" : "");
+        fprintf(file, "%s%s%s %s%s", separator, bad ? "<b style=\"color:var(--bad)\">" : "",
+                grouped(f->by_status[s]), words[s], bad ? "</b>" : "");
         separator = ", ";
     }
     fprintf(file, "</td><td class=n>%s<br><span class=\"soft small\">%s</span></td><td class=n>%s</td><td>",
@@ -201,7 +207,8 @@ static void put_family(FILE *file, const struct family *f, uint64_t all_rays, bo
     fputs("</td><td>", file);
     gn_html_error_bar(file, median, f->p999, f->max, gn_ref_verdict_bound(), f->classes[GN_REF_WRONG] > 0);
     if (f->max > 0)
-        fprintf(file, "<span class=\"soft small\">%.3g &middot; %.3g &middot; %.3g</span>", median, f->p999, f->max);
+        fprintf(file, "<span class=\"soft small\">%.3g &middot; %.3g &middot; %.3g</span>", median, f->p999,
+                f->max);
     fputs("</td></tr>\n", file);
 }
 
@@ -211,12 +218,18 @@ static void put_families(FILE *file, const struct gn_results *results)
     for (size_t i = 0; i < results->count; i++)
         family_add(&all, &results->cases[i]);
     fprintf(file,
-            "<h2>Families</h2>\n<p>A class that is there at all is drawn as at least a sliver. The last column is the "
-            "distribution of hit errors in units of 2<sup>-24</sup>, on a logarithmic scale: from the median to the "
-            "99.9th percentile, the maximum as a dot, the bound (%.4g) as an upright line; the numbers are the three "
-            "of them. An ill-conditioned hit (a grazing ray, a sliver) has a larger bound of its own, so a blue dot "
-            "beyond the line is no failure; a red one goes with wrong answers.</p>\n<div class=wide><table><thead><tr>"
-            "<th>Family<th class=n>Cases<th>Result<th class=n>Rays<th class=n>Ideal hits<th>Verdicts<th>Hit error: "
+            "<h2>Families</h2>\n<p>A class that is there at all is drawn as at least a sliver. The last "
+            "column is the "
+            "distribution of hit errors in units of 2<sup>-24</sup>, on a logarithmic scale: from the median "
+            "to the "
+            "99.9th percentile, the maximum as a dot, the bound (%.4g) as an upright line; the numbers are "
+            "the three "
+            "of them. An ill-conditioned hit (a grazing ray, a sliver) has a larger bound of its own, so a "
+            "blue dot "
+            "beyond the line is no failure; a red one goes with wrong answers.</p>\n<div "
+            "class=wide><table><thead><tr>"
+            "<th>Family<th class=n>Cases<th>Result<th class=n>Rays<th class=n>Ideal hits<th>Verdicts<th>Hit "
+            "error: "
             "median &middot; 99.9 %% &middot; max</tr></thead><tbody>\n",
             gn_ref_verdict_bound());
     /* The cases are sorted by name, so a family's follow one another. */
@@ -263,14 +276,16 @@ static void put_offender(FILE *file, const struct gn_case_offender *offender, co
     fputs("</p>\n", file);
     put_answers(file, offender);
     fprintf(file,
-            "<details><summary class=small>The ray's numbers</summary><pre>origin    %.9g, %.9g, %.9g\n          %a, %a, "
-            "%a\ndirection %.9g, %.9g, %.9g\n          %a, %a, %a\nt range   %.9g to %.9g\nflags     0x%X (%s), mask "
+            "<details><summary class=small>The ray's numbers</summary><pre>origin    %.9g, %.9g, %.9g\n      "
+            "    %a, %a, "
+            "%a\ndirection %.9g, %.9g, %.9g\n          %a, %a, %a\nt range   %.9g to %.9g\nflags     0x%X "
+            "(%s), mask "
             "0x%02X</pre></details>\n",
             (double)ray->origin[0], (double)ray->origin[1], (double)ray->origin[2], (double)ray->origin[0],
-            (double)ray->origin[1], (double)ray->origin[2], (double)ray->direction[0], (double)ray->direction[1],
-            (double)ray->direction[2], (double)ray->direction[0], (double)ray->direction[1],
-            (double)ray->direction[2], (double)ray->tmin, (double)ray->tmax, ray->flags,
-            gn_describe_ray_flags(ray->flags, flags, sizeof flags), ray->cull_mask & 0xFF);
+            (double)ray->origin[1], (double)ray->origin[2], (double)ray->direction[0],
+            (double)ray->direction[1], (double)ray->direction[2], (double)ray->direction[0],
+            (double)ray->direction[1], (double)ray->direction[2], (double)ray->tmin, (double)ray->tmax,
+            ray->flags, gn_describe_ray_flags(ray->flags, flags, sizeof flags), ray->cull_mask & 0xFF);
     if (verdict->hit_error > 0 || verdict->margin > 0) {
         fputs("<p class=small>", file);
         if (verdict->hit_error > 0)
@@ -287,8 +302,9 @@ static void put_picture(FILE *file, const struct gn_results_case *cs, const char
 {
     fputs("<figure>", file);
     if (gn_html_picture(file, folder, cs)) {
-        fprintf(file, "<figcaption>%u &times; %u rays of the trace, a pixel each, in order. Light where the ray "
-                      "ideally hits, dark where it misses.<br>",
+        fprintf(file,
+                "<figcaption>%u &times; %u rays of the trace, a pixel each, in order. Light where the ray "
+                "ideally hits, dark where it misses.<br>",
                 cs->picture_width, cs->picture_height);
         for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
             if (cs->class_counts[c])
@@ -401,7 +417,8 @@ static void put_cases_of(FILE *file, const struct gn_results *results, const cha
 static void put_failures(FILE *file, const struct gn_results *results, const char *folder)
 {
     put_cases_of(file, results, folder, "Failures",
-                 "What is worst first, each with the worst of its rays. The picture shows which rays of the case went wrong.",
+                 "What is worst first, each with the worst of its rays. The picture shows which rays of the "
+                 "case went wrong.",
                  GN_OUTCOME_UNEXPECTED, MOST_OPEN);
     put_cases_of(file, results, folder, "Unexpected passes",
                  "An expectation file says that these fail. They passed: take them out of the file.",
@@ -426,7 +443,8 @@ static void put_skips(FILE *file, const struct gn_results *results)
         any = results->cases[i].status == GN_CASE_SKIP;
     if (!any)
         return;
-    fputs("<h2>Skipped</h2>\n<p>Not judged, and why.</p>\n<div class=wide><table><thead><tr><th>Case<th>Reason</tr>"
+    fputs("<h2>Skipped</h2>\n<p>Not judged, and why.</p>\n<div "
+          "class=wide><table><thead><tr><th>Case<th>Reason</tr>"
           "</thead><tbody>\n",
           file);
     for (size_t i = 0; i < results->count; i++) {
@@ -459,7 +477,8 @@ static void put_slowest(FILE *file, const struct gn_results *results)
         sorted[i] = &results->cases[i];
     qsort(sorted, results->count, sizeof *sorted, slower);
     double most = sorted[0]->seconds > 0 ? sorted[0]->seconds : 1;
-    fputs("<h2>Slowest</h2>\n<div class=wide><table><thead><tr><th>Case<th class=n>Time<th>&nbsp;<th class=n>Rays per "
+    fputs("<h2>Slowest</h2>\n<div class=wide><table><thead><tr><th>Case<th class=n>Time<th>&nbsp;<th "
+          "class=n>Rays per "
           "second</tr></thead><tbody>\n",
           file);
     for (size_t i = 0; i < results->count && i < MOST_SLOWEST; i++) {
@@ -468,7 +487,8 @@ static void put_slowest(FILE *file, const struct gn_results *results)
         fputs("<tr><td class=mono>", file);
         text(file, cs->name);
         fprintf(file,
-                "</td><td class=n>%s</td><td><svg width=220 height=12><rect width=%.1f height=12 fill=\"#0072B2\" "
+                "</td><td class=n>%s</td><td><svg width=220 height=12><rect width=%.1f height=12 "
+                "fill=\"#0072B2\" "
                 "fill-opacity=.55 /></svg></td><td class=n>%s</td></tr>\n",
                 gn_format_duration(cs->seconds, duration), 220 * cs->seconds / most,
                 cs->seconds > 0 ? grouped((uint64_t)((double)cs->rays / cs->seconds)) : "-");
@@ -480,11 +500,16 @@ static void put_slowest(FILE *file, const struct gn_results *results)
 static void put_all(FILE *file, const struct gn_results *results)
 {
     fprintf(file,
-            "<h2>All cases</h2>\n<label class=small for=filter>Show those whose row contains every word:</label><br>"
-            "<input id=filter type=search placeholder=\"flags fail\" autocomplete=off> <span id=shown class=\"soft "
-            "small\">%zu shown</span>\n<div class=wide><table id=cases><thead><tr><th>Case<th>Result<th class=n>Time<th "
-            "class=n>Rays<th class=n>Ideal hits<th class=n>Exact<th class=n>Admissible<th class=n>Gap<th class=n>Leak<th "
-            "class=n>Double<th class=n>Wrong<th class=n>Hit error, max<th class=n>Margin, max</tr></thead><tbody>\n",
+            "<h2>All cases</h2>\n<label class=small for=filter>Show those whose row contains every "
+            "word:</label><br>"
+            "<input id=filter type=search placeholder=\"flags fail\" autocomplete=off> <span id=shown "
+            "class=\"soft "
+            "small\">%zu shown</span>\n<div class=wide><table id=cases><thead><tr><th>Case<th>Result<th "
+            "class=n>Time<th "
+            "class=n>Rays<th class=n>Ideal hits<th class=n>Exact<th class=n>Admissible<th class=n>Gap<th "
+            "class=n>Leak<th "
+            "class=n>Double<th class=n>Wrong<th class=n>Hit error, max<th class=n>Margin, "
+            "max</tr></thead><tbody>\n",
             results->count);
     for (size_t i = 0; i < results->count; i++) {
         const struct gn_results_case *cs = &results->cases[i];
@@ -500,7 +525,8 @@ static void put_all(FILE *file, const struct gn_results *results)
         fputs(linked ? "</a></td><td>" : "</td><td>", file);
         put_badge(file, cs);
         fprintf(file, "</td><td class=n>%s</td><td class=n>%s</td><td class=n>%s</td>",
-                gn_format_duration(cs->seconds, duration), grouped(cs->rays), share(cs->ideal_hits, cs->rays));
+                gn_format_duration(cs->seconds, duration), grouped(cs->rays),
+                share(cs->ideal_hits, cs->rays));
         for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
             fprintf(file, "<td class=n>%s</td>", grouped(cs->class_counts[c]));
         fprintf(file, "<td class=n>%.3g</td><td class=n>%.3g</td></tr>\n", cs->hit_error_max, cs->margin_max);
@@ -537,18 +563,20 @@ static void put_details(FILE *file, const struct gn_results *results)
              device->position_fetch ? "yes" : "no", device->host_builds ? "yes" : "no");
     put_fact(file, "Features", value);
     snprintf(value, sizeof value, "%llu geometries, %llu instances, %llu primitives",
-             (unsigned long long)device->limits.maxGeometryCount, (unsigned long long)device->limits.maxInstanceCount,
+             (unsigned long long)device->limits.maxGeometryCount,
+             (unsigned long long)device->limits.maxInstanceCount,
              (unsigned long long)device->limits.maxPrimitiveCount);
     put_fact(file, "Most of", value);
-    snprintf(value, sizeof value, "shard %u of %u, scale %g, %g s per case", run->shard, run->shard_count, run->scale,
-             run->timeout);
+    snprintf(value, sizeof value, "shard %u of %u, scale %g, %g s per case", run->shard, run->shard_count,
+             run->scale, run->timeout);
     put_fact(file, "Limits", value);
-    fputs("</dl>\n<p class=\"soft small\">The same as data: results.jsonl, results.csv, junit.xml beside this page.</p>\n",
+    fputs("</dl>\n<p class=\"soft small\">The same as data: results.jsonl, results.csv, junit.xml beside "
+          "this page.</p>\n",
           file);
 }
 
-bool gn_results_html_write(const struct gn_results *results, const char *out, const char *path, char *out_error,
-                           size_t error_size)
+bool gn_results_html_write(const struct gn_results *results, const char *out, const char *path,
+                           char *out_error, size_t error_size)
 {
     char *page = NULL;
     size_t length = 0;

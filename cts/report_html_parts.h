@@ -10,7 +10,8 @@
 extern const char gn_html_style[];
 extern const char gn_html_script[];
 
-/* Text as an element's or attribute's content. Every string that is not of this program's own goes through here. */
+/* Text as an element's or attribute's content. Every string that is not of this program's own goes through
+ * here. */
 void gn_html_text(FILE *file, const char *text);
 
 /* The classes of rays as a stacked bar, inline SVG. A class that is there at all is at least a sliver. */
@@ -18,8 +19,9 @@ void gn_html_class_bar(FILE *file, const uint64_t counts[GN_REF_VERDICT_CLASS_CO
 /* A swatch and the class's name. */
 void gn_html_class_key(FILE *file, enum gn_ref_verdict_class cls);
 
-/* Median, 99.9th percentile and maximum of hit errors on a logarithmic scale, with the bound as a line. `wrong`:
- * there are wrong answers among them; without, a maximum beyond the bound is that of an ill-conditioned hit. */
+/* Median, 99.9th percentile and maximum of hit errors on a logarithmic scale, with the bound as a line.
+ * `wrong`: there are wrong answers among them; without, a maximum beyond the bound is that of an
+ * ill-conditioned hit. */
 void gn_html_error_bar(FILE *file, double median, double p999, double max, double bound, bool wrong);
 
 /* <img> of a PNG file, inlined, enlarged by a whole factor. False when the file cannot be read. */

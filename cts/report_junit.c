@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* junit.xml: a suite per family, as CI systems read it. Expected failures are skipped tests with their reason. */
+/* junit.xml: a suite per family, as CI systems read it. Expected failures are skipped tests with their
+ * reason. */
 #include "cts/results.h"
 
 #include <libxml/xmlwriter.h>
@@ -57,7 +58,8 @@ static void put_property(xmlTextWriterPtr writer, const char *name, const char *
     xmlTextWriterEndElement(writer);
 }
 
-static void put_case(xmlTextWriterPtr writer, const struct gn_results *results, const struct gn_results_case *cs)
+static void put_case(xmlTextWriterPtr writer, const struct gn_results *results,
+                     const struct gn_results_case *cs)
 {
     /* "query.flags.cull_back" is the test "cull_back" of the class "query.flags". */
     size_t head = strlen(results->run.backend) + 1 + strlen(cs->family);
@@ -116,7 +118,8 @@ static void put_suite(xmlTextWriterPtr writer, const struct gn_results *results,
     xmlTextWriterEndElement(writer);
 }
 
-bool gn_results_junit_write(const struct gn_results *results, const char *path, char *out_error, size_t error_size)
+bool gn_results_junit_write(const struct gn_results *results, const char *path, char *out_error,
+                            size_t error_size)
 {
     bool ok = false;
     struct counts counted = {0};
@@ -146,7 +149,8 @@ bool gn_results_junit_write(const struct gn_results *results, const char *path, 
         goto done;
     }
     xmlTextWriterFlush(writer);
-    ok = gn_file_write(path, xmlBufferContent(buffer), (size_t)xmlBufferLength(buffer), out_error, error_size);
+    ok =
+        gn_file_write(path, xmlBufferContent(buffer), (size_t)xmlBufferLength(buffer), out_error, error_size);
 done:
     if (writer)
         xmlFreeTextWriter(writer);

@@ -140,7 +140,7 @@ const char *gn_case_status_deqp(enum gn_case_status status)
 const char *gn_results_class_key(enum gn_ref_verdict_class cls)
 {
     static const char *const keys[GN_REF_VERDICT_CLASS_COUNT] = {
-        [GN_REF_EXACT] = "exact", [GN_REF_ADMISSIBLE] = "admissible",  [GN_REF_GAP] = "gap",
+        [GN_REF_EXACT] = "exact", [GN_REF_ADMISSIBLE] = "admissible", [GN_REF_GAP] = "gap",
         [GN_REF_LEAK] = "leak",   [GN_REF_DOUBLE_HIT] = "double_hit", [GN_REF_WRONG] = "wrong"};
     return keys[cls];
 }
@@ -216,7 +216,8 @@ void gn_results_verdict(const struct gn_results *results, char *out, size_t size
     if (skipped && (any || passed || expected))
         append(out, size, ", %llu %s skipped", skipped, skipped == 1 ? "was" : "were");
     else if (skipped)
-        append(out, size, "nothing was judged: %s", skipped == 1 ? "the only case was skipped" : "all cases were skipped");
+        append(out, size, "nothing was judged: %s",
+               skipped == 1 ? "the only case was skipped" : "all cases were skipped");
     append(out, size, ".");
     if (out[0] >= 'a' && out[0] <= 'z')
         out[0] = (char)(out[0] - 'a' + 'A');

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a run has come to: the model that every report is written from, and its JSON. docs/results.md has the format. */
+/* What a run has come to: the model that every report is written from, and its JSON. docs/results.md has the
+ * format. */
 #ifndef GNOMON_CTS_RESULTS_H
 #define GNOMON_CTS_RESULTS_H
 
@@ -12,13 +13,14 @@
 
 /* How a case's status compares with the expectation files. */
 enum gn_results_outcome {
-    GN_OUTCOME_AS_EXPECTED, /* passed or skipped, with nothing else expected */
+    GN_OUTCOME_AS_EXPECTED,      /* passed or skipped, with nothing else expected */
     GN_OUTCOME_EXPECTED_FAILURE, /* not passed, as an expectation file says: does not count */
-    GN_OUTCOME_UNEXPECTED_PASS, /* passed although an expectation file says otherwise: counts */
-    GN_OUTCOME_UNEXPECTED, /* anything else: counts */
+    GN_OUTCOME_UNEXPECTED_PASS,  /* passed although an expectation file says otherwise: counts */
+    GN_OUTCOME_UNEXPECTED,       /* anything else: counts */
 };
 
-/* One case. Strings are never NULL once gn_results_add() or the decoder gave them; they belong to the arena. */
+/* One case. Strings are never NULL once gn_results_add() or the decoder gave them; they belong to the
+ * arena. */
 struct gn_results_case {
     const char *name; /* with the backend: "query.flags.cull_back" */
     const char *family;
@@ -33,9 +35,9 @@ struct gn_results_case {
     const char *output; /* the end of what the driver printed, for a case that did not pass */
     bool has_offender;
     struct gn_case_offender offender;
-    const char *picture; /* below the output folder: "images/NAME.png", or "" */
+    const char *picture;                    /* below the output folder: "images/NAME.png", or "" */
     uint32_t picture_width, picture_height; /* rays */
-    const char *replay; /* below the output folder: "replay/NAME.json", or "" */
+    const char *replay;                     /* below the output folder: "replay/NAME.json", or "" */
     enum gn_results_outcome outcome;
     const char *expected; /* the expectation file's status word, or "" */
     const char *expected_reason;
@@ -47,17 +49,17 @@ struct gn_results_case {
 struct gn_results_run {
     const char *version;
     const char *started; /* UTC, ISO 8601 */
-    const char *driver; /* the ICD file, or "" where the loader chose */
+    const char *driver;  /* the ICD file, or "" where the loader chose */
     const char *backend;
-    const char *command; /* what to type for this program: "./gnomon" */
-    const char *options; /* the options and filters as typed */
+    const char *command;     /* what to type for this program: "./gnomon" */
+    const char *options;     /* the options and filters as typed */
     const char *environment; /* variables that steer loader and driver, "NAME=value ..." */
     uint64_t seed;
     double scale;
     double timeout;
     uint32_t jobs;
     uint32_t shard, shard_count; /* 1-based; 1 of 1 without --shard */
-    uint64_t selected; /* cases that were to run */
+    uint64_t selected;           /* cases that were to run */
     struct gn_device_info device;
 };
 
@@ -67,9 +69,9 @@ struct gn_results {
     struct gn_results_case *cases; /* malloc'ed */
     size_t count, capacity;
     double seconds;
-    const char *stopped; /* why the run ended early, or "" */
+    const char *stopped;   /* why the run ended early, or "" */
     bool stopped_at_limit; /* it ended early because of --max-fails: failures, not the harness */
-    const char **notes; /* things worth saying that belong to no case; malloc'ed array of arena strings */
+    const char **notes;    /* things worth saying that belong to no case; malloc'ed array of arena strings */
     size_t note_count;
     const char **unmatched; /* expectations that name no case, "FILE:LINE: NAME"; malloc'ed array */
     size_t unmatched_count;
@@ -78,10 +80,11 @@ struct gn_results {
 void gn_results_init(struct gn_results *results);
 void gn_results_finish(struct gn_results *results);
 
-/* Adds a case, copying its strings into the arena (NULL becomes ""); `image` is not kept. Gives the copy, which
- * moves when the next one is added. */
+/* Adds a case, copying its strings into the arena (NULL becomes ""); `image` is not kept. Gives the copy,
+ * which moves when the next one is added. */
 struct gn_results_case *gn_results_add(struct gn_results *results, const struct gn_results_case *source);
-void gn_results_note(struct gn_results *results, const char *format, ...) __attribute__((format(printf, 2, 3)));
+void gn_results_note(struct gn_results *results, const char *format, ...)
+    __attribute__((format(printf, 2, 3)));
 void gn_results_add_unmatched(struct gn_results *results, const char *text);
 
 struct gn_results_totals {
@@ -117,15 +120,15 @@ void gn_results_sort(struct gn_results *results);
 void gn_text_clean(char *text);
 
 /*
- * JSON. An encoder gives one line without its newline, malloc'ed, or NULL when memory is short. A decoder takes
- * untrusted text: false with a message when it is not what the encoder writes.
+ * JSON. An encoder gives one line without its newline, malloc'ed, or NULL when memory is short. A decoder
+ * takes untrusted text: false with a message when it is not what the encoder writes.
  */
 char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_length);
-bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *arena, struct gn_results_case *out,
-                            char *out_error, size_t error_size);
+bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *arena,
+                            struct gn_results_case *out, char *out_error, size_t error_size);
 char *gn_results_run_encode(const struct gn_results_run *run, size_t *out_length);
-bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *arena, struct gn_results_run *out,
-                           char *out_error, size_t error_size);
+bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *arena,
+                           struct gn_results_run *out, char *out_error, size_t error_size);
 char *gn_results_device_encode(const struct gn_device_info *info, size_t *out_length);
 bool gn_results_device_decode(const char *text, size_t length, struct gn_device_info *out, char *out_error,
                               size_t error_size);
@@ -159,17 +162,18 @@ bool gn_file_read(const char *path, size_t limit, char **out_data, size_t *out_l
                   size_t error_size);
 
 /* results.csv: deqp-runner's name,status,duration. */
-bool gn_results_csv_write(const struct gn_results *results, const char *path, char *out_error, size_t error_size);
+bool gn_results_csv_write(const struct gn_results *results, const char *path, char *out_error,
+                          size_t error_size);
 /* junit.xml. */
 bool gn_results_junit_write(const struct gn_results *results, const char *path, char *out_error,
                             size_t error_size);
 /* report.html; pictures are taken from the folder `out`. */
-bool gn_results_html_write(const struct gn_results *results, const char *out, const char *path, char *out_error,
-                           size_t error_size);
+bool gn_results_html_write(const struct gn_results *results, const char *out, const char *path,
+                           char *out_error, size_t error_size);
 
 /*
- * Reads the case lines of a results.jsonl, complete or torn off (a last line without its newline is dropped, and
- * so is the summary). A file that does not exist gives no case.
+ * Reads the case lines of a results.jsonl, complete or torn off (a last line without its newline is dropped,
+ * and so is the summary). A file that does not exist gives no case.
  */
 bool gn_results_jsonl_read(struct gn_results *results, const char *path, char *out_error, size_t error_size);
 

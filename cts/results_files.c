@@ -147,7 +147,8 @@ static const char *csv_status(const struct gn_results_case *cs)
     return gn_case_status_deqp(cs->status);
 }
 
-bool gn_results_csv_write(const struct gn_results *results, const char *path, char *out_error, size_t error_size)
+bool gn_results_csv_write(const struct gn_results *results, const char *path, char *out_error,
+                          size_t error_size)
 {
     char *text = NULL;
     size_t length = 0;
@@ -174,7 +175,8 @@ bool gn_results_jsonl_read(struct gn_results *results, const char *path, char *o
         return false;
     bool ok = false;
     size_t line = 1;
-    for (char *at = data, *end; (end = memchr(at, '\n', length - (size_t)(at - data))); at = end + 1, line++) {
+    for (char *at = data, *end; (end = memchr(at, '\n', length - (size_t)(at - data)));
+         at = end + 1, line++) {
         struct gn_results_case cs;
         if (!gn_results_case_decode(at, (size_t)(end - at), &results->arena, &cs, error, sizeof error)) {
             snprintf(out_error, error_size, "%s:%zu: %s", path, line, error);

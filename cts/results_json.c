@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The JSON of results: one object per case, the run, the summary, replay files. docs/results.md describes it. */
+/* The JSON of results: one object per case, the run, the summary, replay files. docs/results.md describes
+ * it. */
 #include "cts/results.h"
 
 #include <inttypes.h>
@@ -23,7 +24,8 @@ static void put_real(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *ke
     yyjson_mut_obj_add_val(doc, object, key, real(doc, value));
 }
 
-static void put_reals(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const float *values, size_t n)
+static void put_reals(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const float *values,
+                      size_t n)
 {
     yyjson_mut_val *array = yyjson_mut_arr(doc);
     for (size_t i = 0; i < n; i++)
@@ -31,7 +33,8 @@ static void put_reals(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *k
     yyjson_mut_obj_add_val(doc, object, key, array);
 }
 
-static void put_hex(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const float *values, size_t n)
+static void put_hex(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const float *values,
+                    size_t n)
 {
     yyjson_mut_val *array = yyjson_mut_arr(doc);
     for (size_t i = 0; i < n; i++) {
@@ -66,8 +69,8 @@ static char *encode(yyjson_mut_doc *doc, yyjson_mut_val *root, size_t *out_lengt
     return text;
 }
 
-/* The picture's bytes are a few classes in long runs: "VALUE:LENGTH," in base 16 keeps the line between a worker
- * and its parent short. */
+/* The picture's bytes are a few classes in long runs: "VALUE:LENGTH," in base 16 keeps the line between a
+ * worker and its parent short. */
 static char *image_encode(const uint8_t *image, size_t count)
 {
     char *text = NULL;
@@ -137,7 +140,8 @@ static yyjson_mut_val *offender_encode(yyjson_mut_doc *doc, const struct gn_case
     put_real(doc, ray, "generate_step", (double)policy->generate_step);
 
     yyjson_mut_val *answer = yyjson_mut_obj_add_obj(doc, root, "answer");
-    yyjson_mut_obj_add_str(doc, answer, "kind", a->kind <= GN_REF_ANSWER_GENERATED ? answer_kinds[a->kind] : "none");
+    yyjson_mut_obj_add_str(doc, answer, "kind",
+                           a->kind <= GN_REF_ANSWER_GENERATED ? answer_kinds[a->kind] : "none");
     put_uint(doc, answer, "instance", a->instance);
     put_uint(doc, answer, "geometry", a->geometry);
     put_uint(doc, answer, "primitive", a->primitive);
@@ -146,7 +150,8 @@ static yyjson_mut_val *offender_encode(yyjson_mut_doc *doc, const struct gn_case
     put_uint(doc, answer, "front", a->front);
     put_real(doc, answer, "t", (double)a->t);
     put_reals(doc, answer, "barycentrics", a->barycentrics, 2);
-    put_hex(doc, answer, "t_barycentrics_hex", (const float[]){a->t, a->barycentrics[0], a->barycentrics[1]}, 3);
+    put_hex(doc, answer, "t_barycentrics_hex", (const float[]){a->t, a->barycentrics[0], a->barycentrics[1]},
+            3);
 
     if (v->ideal_hit) {
         yyjson_mut_val *ideal = yyjson_mut_obj_add_obj(doc, root, "ideal");
@@ -164,7 +169,8 @@ static yyjson_mut_val *offender_encode(yyjson_mut_doc *doc, const struct gn_case
         yyjson_mut_obj_add_null(doc, root, "ideal");
     }
     yyjson_mut_obj_add_str(doc, root, "class",
-                           (unsigned)v->cls < GN_REF_VERDICT_CLASS_COUNT ? gn_results_class_key(v->cls) : "wrong");
+                           (unsigned)v->cls < GN_REF_VERDICT_CLASS_COUNT ? gn_results_class_key(v->cls)
+                                                                         : "wrong");
     put_real(doc, root, "hit_error", v->hit_error);
     put_real(doc, root, "hit_bound", v->hit_bound);
     put_real(doc, root, "margin", v->margin);
@@ -221,7 +227,8 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
     return encode(doc, root, out_length);
 }
 
-/* What is missing or of another type reads as zero or ""; the names of what must be there are checked apart. */
+/* What is missing or of another type reads as zero or ""; the names of what must be there are checked
+ * apart. */
 static double get_real(yyjson_val *object, const char *key)
 {
     yyjson_val *value = yyjson_obj_get(object, key);
@@ -336,8 +343,8 @@ static yyjson_doc *read_object(const char *text, size_t length, char *out_error,
     return doc;
 }
 
-bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *arena, struct gn_results_case *out,
-                            char *out_error, size_t error_size)
+bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *arena,
+                            struct gn_results_case *out, char *out_error, size_t error_size)
 {
     memset(out, 0, sizeof *out);
     yyjson_doc *doc = read_object(text, length, out_error, error_size);
@@ -384,8 +391,8 @@ bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *ar
         out->picture_height = (uint32_t)height;
         const char *image = yyjson_get_str(yyjson_obj_get(root, "image"));
         if (image && !(out->image = image_decode(image, (size_t)(width * height), arena))) {
-            snprintf(out_error, error_size, "the picture of %s has not %" PRIu64 " x %" PRIu64 " rays", out->name,
-                     width, height);
+            snprintf(out_error, error_size, "the picture of %s has not %" PRIu64 " x %" PRIu64 " rays",
+                     out->name, width, height);
             goto done;
         }
     }
@@ -396,20 +403,21 @@ done:
 }
 
 /* What identifies a device and what the reports show of it; of the limits, those that bear on the cases. */
-#define GN_DEVICE_NUMBERS(X)                                                                                           \
-    X(vendor_id)                                                                                                       \
-    X(device_id)                                                                                                       \
-    X(driver_version)                                                                                                  \
+#define GN_DEVICE_NUMBERS(X)                                                                                 \
+    X(vendor_id)                                                                                             \
+    X(device_id)                                                                                             \
+    X(driver_version)                                                                                        \
     X(api_version)
-#define GN_DEVICE_FEATURES(X)                                                                                          \
-    X(ray_query)                                                                                                       \
-    X(ray_tracing_pipeline)                                                                                            \
-    X(position_fetch)                                                                                                  \
-    X(host_builds)                                                                                                     \
-    X(indirect_builds)                                                                                                 \
+#define GN_DEVICE_FEATURES(X)                                                                                \
+    X(ray_query)                                                                                             \
+    X(ray_tracing_pipeline)                                                                                  \
+    X(position_fetch)                                                                                        \
+    X(host_builds)                                                                                           \
+    X(indirect_builds)                                                                                       \
     X(index_uint8)
 
-static void put_bytes(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const uint8_t *bytes, size_t n)
+static void put_bytes(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const uint8_t *bytes,
+                      size_t n)
 {
     char text[2 * VK_UUID_SIZE + 1] = "";
     for (size_t i = 0; i < n && i < VK_UUID_SIZE; i++)
@@ -518,8 +526,8 @@ char *gn_results_run_encode(const struct gn_results_run *run, size_t *out_length
     return encode(doc, root, out_length);
 }
 
-bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *arena, struct gn_results_run *out,
-                           char *out_error, size_t error_size)
+bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *arena,
+                           struct gn_results_run *out, char *out_error, size_t error_size)
 {
     memset(out, 0, sizeof *out);
     yyjson_doc *doc = read_object(text, length, out_error, error_size);
@@ -632,7 +640,8 @@ bool gn_replay_decode(const char *text, size_t length, struct gn_arena *arena, s
     out->ray = ray ? (int64_t)(uint32_t)yyjson_get_uint(ray) : -1;
     out->status = get_text(root, "status", arena);
     out->message = get_text(root, "message", arena);
-    bool ok = out->name[0] && yyjson_is_uint(yyjson_obj_get(root, "seed")) && isfinite(out->scale) && out->scale > 0;
+    bool ok = out->name[0] && yyjson_is_uint(yyjson_obj_get(root, "seed")) && isfinite(out->scale) &&
+              out->scale > 0;
     if (!ok)
         snprintf(out_error, error_size,
                  "expected a replay file with \"replay\" (a case's name), \"seed\" and \"scale\"");

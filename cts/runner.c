@@ -41,7 +41,7 @@ struct runner {
     struct slot *slots;
     size_t slot_count;
     bool device_known;
-    bool stop; /* no case is started any more and workers are killed; results->stopped says why */
+    bool stop;   /* no case is started any more and workers are killed; results->stopped says why */
     int refused; /* an exit status for a run that cannot begin; -1 while it can */
     char failure[2048];
 };
@@ -113,7 +113,8 @@ static const char *last_line(char *text)
 }
 
 /* A case whose worker is no more. */
-static void record_death(struct runner *runner, struct slot *slot, enum gn_case_status status, const char *what)
+static void record_death(struct runner *runner, struct slot *slot, enum gn_case_status status,
+                         const char *what)
 {
     struct gn_arena arena = {0};
     const struct gn_selected *selected = &runner->cases[slot->index];
@@ -164,7 +165,8 @@ static void start_failed(struct runner *runner, struct slot *slot, const char *w
 {
     char *noise = gn_process_noise(&slot->process);
     if (!runner->device_known)
-        refuse(runner, 4, "nothing ran: %s%s%s", why, noise && *noise ? "; it printed: " : "", noise ? noise : "");
+        refuse(runner, 4, "nothing ran: %s%s%s", why, noise && *noise ? "; it printed: " : "",
+               noise ? noise : "");
     else if (++slot->start_failures >= MOST_START_FAILURES)
         gn_results_note(runner->results, "a worker was given up: %s", why);
     gn_process_end(&slot->process, true);
@@ -188,9 +190,9 @@ static void device_opened(struct runner *runner, const char *text, size_t length
         refuse(runner, exit_status, "%s", error);
         return;
     }
-    fprintf(stderr, "gnomon: %zu case%s on %s (%s %s), %u worker%s\n", runner->count, runner->count == 1 ? "" : "s",
-            run->device.name, run->device.driver_name, run->device.driver_info, run->jobs,
-            run->jobs == 1 ? "" : "s");
+    fprintf(stderr, "gnomon: %zu case%s on %s (%s %s), %u worker%s\n", runner->count,
+            runner->count == 1 ? "" : "s", run->device.name, run->device.driver_name, run->device.driver_info,
+            run->jobs, run->jobs == 1 ? "" : "s");
 }
 
 static bool already_done(const struct runner *runner, const char *name)
@@ -233,7 +235,8 @@ static void handle_result(struct runner *runner, struct slot *slot, const char *
                 strcmp(cs.name, runner->cases[slot->index].name) == 0;
     if (!good) {
         if (slot->state == SLOT_BUSY)
-            record_death(runner, slot, GN_CASE_ERROR, "the worker's answer was garbled; its memory is not to be trusted");
+            record_death(runner, slot, GN_CASE_ERROR,
+                         "the worker's answer was garbled; its memory is not to be trusted");
         gn_process_end(&slot->process, true);
         slot->state = SLOT_EMPTY;
     } else {
@@ -301,7 +304,8 @@ static void check_deadline(struct runner *runner, struct slot *slot, double now)
     if (slot->state == SLOT_BUSY && spent > timeout) {
         snprintf(what, sizeof what, "no answer within %g s; the process was killed", timeout);
         record_death(runner, slot, GN_CASE_TIMEOUT, what);
-    } else if (slot->state == SLOT_STARTING && spent > (timeout > LEAST_START_TIMEOUT ? timeout : LEAST_START_TIMEOUT)) {
+    } else if (slot->state == SLOT_STARTING &&
+               spent > (timeout > LEAST_START_TIMEOUT ? timeout : LEAST_START_TIMEOUT)) {
         snprintf(what, sizeof what, "the driver was not open after %.0f s", spent);
         start_failed(runner, slot, what);
         return;
@@ -321,7 +325,8 @@ static bool keep_busy(struct runner *runner)
     for (size_t i = 0; i < runner->slot_count && !runner->stop; i++) {
         struct slot *slot = &runner->slots[i];
         /* One worker first: it says what the device is, and whether there is any. */
-        if (slot->state == SLOT_EMPTY && (i == 0 || runner->device_known) && next_case(runner) < runner->count)
+        if (slot->state == SLOT_EMPTY && (i == 0 || runner->device_known) &&
+            next_case(runner) < runner->count)
             start(runner, slot);
         if (slot->state == SLOT_IDLE)
             hand_out(runner, slot);
@@ -353,12 +358,14 @@ static void wait_for_workers(struct runner *runner, const sigset_t *waiting_mask
             check_deadline(runner, &runner->slots[i], now);
     }
     if (caught_signal && !runner->stop)
-        stop_run(runner, "interrupted by %s", caught_signal == SIGINT    ? "Ctrl-C"
-                                              : caught_signal == SIGTERM ? "SIGTERM"
-                                                                         : "SIGHUP");
+        stop_run(runner, "interrupted by %s",
+                 caught_signal == SIGINT    ? "Ctrl-C"
+                 : caught_signal == SIGTERM ? "SIGTERM"
+                                            : "SIGHUP");
 }
 
-/* Ends idle workers the way they like it, so that a driver's trouble with closing shows; others are killed. */
+/* Ends idle workers the way they like it, so that a driver's trouble with closing shows; others are
+ * killed. */
 static void end_workers(struct runner *runner)
 {
     for (size_t i = 0; i < runner->slot_count; i++) {
@@ -378,8 +385,8 @@ static void end_workers(struct runner *runner)
             if (fd.revents && gn_process_read(&slot->process) == 0)
                 handle_end(runner, slot);
             else if (caught_signal || gn_clock() - slot->since > END_TIMEOUT) {
-                gn_results_note(runner->results, "a worker did not end within %.0f s of its device being closed",
-                                END_TIMEOUT);
+                gn_results_note(runner->results,
+                                "a worker did not end within %.0f s of its device being closed", END_TIMEOUT);
                 gn_process_end(&slot->process, true);
             }
         }
@@ -455,7 +462,8 @@ static void weigh(struct runner *runner, const struct gn_results *earlier)
 int gn_runner_run(const struct gn_runner_options *options, const struct gn_selected *cases, size_t count,
                   struct gn_results *results)
 {
-    struct runner runner = {.options = options, .cases = cases, .count = count, .results = results, .refused = -1};
+    struct runner runner = {
+        .options = options, .cases = cases, .count = count, .results = results, .refused = -1};
     char error[1024];
     sigset_t waiting_mask;
     struct pollfd *fds = NULL;

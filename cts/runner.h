@@ -10,13 +10,13 @@ struct gn_runner_options {
     const char *out; /* the output folder, as typed */
     const struct gn_expectations *expectations;
     uint64_t max_fails; /* 0: no limit */
-    bool resume; /* keep what OUT/results.jsonl has of the same run */
+    bool resume;        /* keep what OUT/results.jsonl has of the same run */
 };
 
 /*
  * Runs the cases. `results` comes initialised, with results->run filled but for the device; it is filled here
- * and all reports are written. Gives the exit status; everything worth saying has been said on stderr (what went
- * wrong with the run) and stdout (what came of it).
+ * and all reports are written. Gives the exit status; everything worth saying has been said on stderr (what
+ * went wrong with the run) and stdout (what came of it).
  */
 int gn_runner_run(const struct gn_runner_options *options, const struct gn_selected *cases, size_t count,
                   struct gn_results *results);

@@ -29,7 +29,8 @@ struct gn_selected *gn_catalogue(struct gn_arena *arena, size_t *out_count)
     return cases;
 }
 
-const struct gn_selected *gn_catalogue_find(const struct gn_selected *catalogue, size_t count, const char *name)
+const struct gn_selected *gn_catalogue_find(const struct gn_selected *catalogue, size_t count,
+                                            const char *name)
 {
     for (size_t i = 0; i < count; i++)
         if (strcmp(catalogue[i].name, name) == 0)
@@ -99,7 +100,8 @@ static void suggest(const struct gn_selected *cases, size_t count, const char *f
         for (size_t i = 0; i < count; i++)
             matches += gn_pattern_matches(pattern, cases[i].name);
         if (matches) {
-            snprintf(out, size, "; did you mean '%s' (%zu %s)?", pattern, matches, matches == 1 ? "case" : "cases");
+            snprintf(out, size, "; did you mean '%s' (%zu %s)?", pattern, matches,
+                     matches == 1 ? "case" : "cases");
             return;
         }
     }
@@ -146,7 +148,8 @@ size_t gn_select(struct gn_selected *cases, size_t count, const char *const *fil
     return kept;
 }
 
-/* Whether a file is what the loader takes for a driver; the loader's own message would come late and be unclear. */
+/* Whether a file is what the loader takes for a driver; the loader's own message would come late and be
+ * unclear. */
 static bool check_icd(const char *path, char *out_error, size_t error_size)
 {
     char *data = NULL;
@@ -158,7 +161,8 @@ static bool check_icd(const char *path, char *out_error, size_t error_size)
     bool ok = yyjson_is_str(yyjson_obj_get(icd, "library_path"));
     if (!ok)
         snprintf(out_error, error_size,
-                 "%s is not a Vulkan driver's ICD file: expected JSON with \"ICD\": {\"library_path\": ...}", path);
+                 "%s is not a Vulkan driver's ICD file: expected JSON with \"ICD\": {\"library_path\": ...}",
+                 path);
     yyjson_doc_free(doc);
     free(data);
     return ok;
@@ -166,7 +170,8 @@ static bool check_icd(const char *path, char *out_error, size_t error_size)
 
 static const char *find_lavapipe(struct gn_arena *arena, char *out_error, size_t error_size)
 {
-    static const char *const places[] = {"/usr/share/vulkan/icd.d/lvp_icd*.json", "/etc/vulkan/icd.d/lvp_icd*.json",
+    static const char *const places[] = {"/usr/share/vulkan/icd.d/lvp_icd*.json",
+                                         "/etc/vulkan/icd.d/lvp_icd*.json",
                                          "/usr/local/share/vulkan/icd.d/lvp_icd*.json"};
     const char *given = getenv("GNOMON_LAVAPIPE_ICD");
     if (given && *given)
@@ -180,7 +185,8 @@ static const char *find_lavapipe(struct gn_arena *arena, char *out_error, size_t
         }
     }
     snprintf(out_error, error_size,
-             "the driver lavapipe was not found: expected GNOMON_LAVAPIPE_ICD or a file %s; Debian and Ubuntu have "
+             "the driver lavapipe was not found: expected GNOMON_LAVAPIPE_ICD or a file %s; Debian and "
+             "Ubuntu have "
              "it in the package mesa-vulkan-drivers",
              places[0]);
     return NULL;
@@ -198,12 +204,14 @@ const char *gn_driver_resolve(const char *name, struct gn_arena *arena, char *ou
     bool is_path = strchr(name, '/') || (length > 5 && strcmp(name + length - 5, ".json") == 0);
     if (!is_path) {
         snprintf(out_error, error_size,
-                 "no driver is named '%s': expected lavapipe or the path of a driver's ICD file (.json)", name);
+                 "no driver is named '%s': expected lavapipe or the path of a driver's ICD file (.json)",
+                 name);
         return NULL;
     }
     if (!check_icd(name, out_error, error_size))
         return NULL;
-    /* The loader takes a relative path from where the worker runs; that is here, but say it in full in reports. */
+    /* The loader takes a relative path from where the worker runs; that is here, but say it in full in
+     * reports. */
     char *full = realpath(name, NULL);
     const char *path = gn_arena_printf(arena, "%s", full ? full : name);
     free(full);

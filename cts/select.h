@@ -16,7 +16,8 @@ struct gn_selected {
 /* Every case there is, in the catalogue's order; malloc'ed array, names in the arena. */
 struct gn_selected *gn_catalogue(struct gn_arena *arena, size_t *out_count);
 /* NULL when no case is named so. */
-const struct gn_selected *gn_catalogue_find(const struct gn_selected *catalogue, size_t count, const char *name);
+const struct gn_selected *gn_catalogue_find(const struct gn_selected *catalogue, size_t count,
+                                            const char *name);
 
 /* Whether the name matches the pattern, in which `*` stands for any characters. */
 bool gn_pattern_matches(const char *pattern, const char *name);
@@ -29,8 +30,8 @@ size_t gn_select(struct gn_selected *cases, size_t count, const char *const *fil
                  uint32_t shard, uint32_t shard_count, char *out_error, size_t error_size);
 
 /*
- * The ICD file of --driver: a path, or "lavapipe". NULL with a message when there is no such file, it is no ICD
- * file, or the name is unknown. Without a name: lavapipe, unless the environment (VK_DRIVER_FILES,
+ * The ICD file of --driver: a path, or "lavapipe". NULL with a message when there is no such file, it is no
+ * ICD file, or the name is unknown. Without a name: lavapipe, unless the environment (VK_DRIVER_FILES,
  * VK_ICD_FILENAMES) chooses, which gives "".
  */
 const char *gn_driver_resolve(const char *name, struct gn_arena *arena, char *out_error, size_t error_size);
@@ -40,13 +41,14 @@ struct gn_expectation {
     const char *name;
     const char *status; /* deqp-runner's word */
     const char *reason; /* the comments above it or behind it */
-    const char *place; /* "FILE:LINE" */
+    const char *place;  /* "FILE:LINE" */
 };
 struct gn_expectations {
     struct gn_expectation *list; /* malloc'ed */
     size_t count;
 };
-/* Adds a file's lines. False with a message that names the line on anything but `name,Status`, '#' or nothing. */
+/* Adds a file's lines. False with a message that names the line on anything but `name,Status`, '#' or
+ * nothing. */
 bool gn_expectations_read(struct gn_expectations *expectations, const char *path, struct gn_arena *arena,
                           char *out_error, size_t error_size);
 void gn_expectations_finish(struct gn_expectations *expectations);

@@ -38,7 +38,8 @@ static bool counts(const struct gn_results_case *cs)
     return cs->outcome == GN_OUTCOME_UNEXPECTED || cs->outcome == GN_OUTCOME_UNEXPECTED_PASS;
 }
 
-static void print_failures(const struct gn_results *results, const char *out, const char *red, const char *plain)
+static void print_failures(const struct gn_results *results, const char *out, const char *red,
+                           const char *plain)
 {
     size_t shown = 0, total = 0;
     for (size_t i = 0; i < results->count; i++) {
@@ -47,9 +48,11 @@ static void print_failures(const struct gn_results *results, const char *out, co
             continue;
         shown++;
         bool pass = cs->outcome == GN_OUTCOME_UNEXPECTED_PASS;
-        printf("\n  %s%s%s %s\n", red, pass ? "unexpected pass" : gn_case_status_name(cs->status), plain, cs->name);
+        printf("\n  %s%s%s %s\n", red, pass ? "unexpected pass" : gn_case_status_name(cs->status), plain,
+               cs->name);
         if (pass)
-            printf("    expected %s%s%s\n", cs->expected, cs->expected_reason[0] ? ": " : "", cs->expected_reason);
+            printf("    expected %s%s%s\n", cs->expected, cs->expected_reason[0] ? ": " : "",
+                   cs->expected_reason);
         else
             printf("    %.*s\n", (int)strcspn(cs->message, "\n"), cs->message);
         if (cs->replay[0]) {
@@ -92,7 +95,8 @@ static void print_slowest(const struct gn_results *results)
 void gn_summary_print(const struct gn_results *results, const char *out)
 {
     bool colour = gn_terminal_colour(STDOUT_FILENO);
-    const char *red = colour ? "\033[31m" : "", *green = colour ? "\033[32m" : "", *plain = colour ? "\033[0m" : "";
+    const char *red = colour ? "\033[31m" : "", *green = colour ? "\033[32m" : "",
+               *plain = colour ? "\033[0m" : "";
     struct gn_results_totals totals = gn_results_totals(results);
     char verdict[1024], rays[32], hits[32], duration[32];
     gn_results_verdict(results, verdict, sizeof verdict);
@@ -103,7 +107,8 @@ void gn_summary_print(const struct gn_results *results, const char *out)
            (unsigned long long)results->run.seed, gn_format_duration(results->seconds, duration));
     if (totals.rays) {
         printf("%s rays, %s ideal hits (%.0f %%):", gn_format_grouped(totals.rays, rays),
-               gn_format_grouped(totals.ideal_hits, hits), 100 * (double)totals.ideal_hits / (double)totals.rays);
+               gn_format_grouped(totals.ideal_hits, hits),
+               100 * (double)totals.ideal_hits / (double)totals.rays);
         const char *separator = " ";
         for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++) {
             if (totals.class_counts[c])

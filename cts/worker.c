@@ -66,8 +66,8 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
 
 /*
  * GNOMON_TEST_FAULT makes a worker misbehave when it comes to a case, so that the tests of isolation meet the
- * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas. The name "open"
- * stands for the opening of the device. True for "lost".
+ * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas.
+ * The name "open" stands for the opening of the device. True for "lost".
  */
 static bool test_fault(const char *name)
 {
@@ -96,8 +96,8 @@ static bool test_fault(const char *name)
     return false;
 }
 
-static bool run_case(const struct gn_selected *selected, struct gn_device *device, uint64_t seed, double scale,
-                     bool *out_go_on)
+static bool run_case(const struct gn_selected *selected, struct gn_device *device, uint64_t seed,
+                     double scale, bool *out_go_on)
 {
     struct gn_case_run run;
     struct gn_results_case result;

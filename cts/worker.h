@@ -1,13 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Workers: processes of this program that open the driver and run cases one by one, so that whatever the driver
- * does to its process ends no run.
+ * Workers: processes of this program that open the driver and run cases one by one, so that whatever the
+ * driver does to its process ends no run.
  *
- * The parent writes names of cases, a line each, to the worker's descriptor 3. The worker answers on descriptor
- * 4 with lines that begin with a letter and a blank: `R` and the device as JSON once it is open, `U` and a
- * message when it cannot be opened (and ends), `C` and a case's result as JSON. What the driver prints goes to a
- * file in memory. A worker ends when descriptor 3 does, when its parent ends, and after a case with the status
- * error, whose device nobody should go on with.
+ * The parent writes names of cases, a line each, to the worker's descriptor 3. The worker answers on
+ * descriptor 4 with lines that begin with a letter and a blank: `R` and the device as JSON once it is open,
+ * `U` and a message when it cannot be opened (and ends), `C` and a case's result as JSON. What the driver
+ * prints goes to a file in memory. A worker ends when descriptor 3 does, when its parent ends, and after a
+ * case with the status error, whose device nobody should go on with.
  */
 #ifndef GNOMON_CTS_WORKER_H
 #define GNOMON_CTS_WORKER_H
@@ -31,19 +31,19 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
 const char *gn_case_family_name(const char *case_name, struct gn_arena *arena);
 
 struct gn_process {
-    pid_t pid; /* 0: none */
+    pid_t pid;           /* 0: none */
     int to, from, noise; /* -1: none */
     char *buffer;
     size_t used, capacity;
 };
 
 /* Starts a worker in a process group of its own. False with a message when the system refuses. */
-bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed, double scale, char *out_error,
-                      size_t error_size);
+bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed, double scale,
+                      char *out_error, size_t error_size);
 /* Reads what is there. 1: something came, 0: the end, -1: nothing now. */
 int gn_process_read(struct gn_process *process);
-/* The next complete line, zero-terminated, without its newline; NULL when there is none. It stays until the next
- * call. */
+/* The next complete line, zero-terminated, without its newline; NULL when there is none. It stays until the
+ * next call. */
 char *gn_process_line(struct gn_process *process, size_t *inout_position, size_t *out_length);
 /* Drops the lines taken so far. */
 void gn_process_consume(struct gn_process *process, size_t position);

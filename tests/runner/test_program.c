@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The real program with its workers, on lavapipe: usage, isolation, interruption, files. argv[1] is the program. */
+/* The real program with its workers, on lavapipe: usage, isolation, interruption, files. argv[1] is the
+ * program. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -48,7 +49,8 @@ static bool exists(const char *path)
     return access(path, F_OK) == 0;
 }
 
-/* Starts the program in the test's folder. `fault` is for GNOMON_TEST_FAULT, `file_limit` bytes for RLIMIT_FSIZE. */
+/* Starts the program in the test's folder. `fault` is for GNOMON_TEST_FAULT, `file_limit` bytes for
+ * RLIMIT_FSIZE. */
 static pid_t start(const char *const *arguments, const char *fault, rlim_t file_limit)
 {
     const char *argv[32] = {program};
@@ -98,8 +100,8 @@ static void forget(struct outcome *outcome)
 static void expect_status(const struct outcome *outcome, int status, const char *said)
 {
     if (outcome->status != status || (said && !strstr(outcome->err, said) && !strstr(outcome->out, said)))
-        fail_msg("expected exit status %d and '%s', found %d\nstdout: %s\nstderr: %s", status, said ? said : "",
-                 outcome->status, outcome->out, outcome->err);
+        fail_msg("expected exit status %d and '%s', found %d\nstdout: %s\nstderr: %s", status,
+                 said ? said : "", outcome->status, outcome->out, outcome->err);
 }
 
 static void usage(void **state)
@@ -242,12 +244,13 @@ static void isolation(void **state)
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         char expected[128];
         struct outcome outcome =
-            RUN_FAULT(rows[i].fault, "run", "query.smoke.quad", "query.masks.zero_ray", "--out", "faulty", "--jobs",
-                      "1", "--timeout", strcmp(rows[i].status, "timeout") == 0 ? "5" : "60");
+            RUN_FAULT(rows[i].fault, "run", "query.smoke.quad", "query.masks.zero_ray", "--out", "faulty",
+                      "--jobs", "1", "--timeout", strcmp(rows[i].status, "timeout") == 0 ? "5" : "60");
         expect_status(&outcome, 1, rows[i].said);
         check_jsonl("faulty/results.jsonl", true);
         char *lines = read_all("faulty/results.jsonl");
-        snprintf(expected, sizeof expected, "{\"name\":\"query.smoke.quad\",\"status\":\"%s\"", rows[i].status);
+        snprintf(expected, sizeof expected, "{\"name\":\"query.smoke.quad\",\"status\":\"%s\"",
+                 rows[i].status);
         if (!strstr(lines, expected))
             fail_msg("%s: expected %s in %s", rows[i].fault, expected, lines);
         /* The others ran, in a new process. */
@@ -278,14 +281,17 @@ static void replay(void **state)
     forget(&outcome);
     /* One ray, although none failed: its explanation. */
     FILE *file = fopen("one.json", "w");
-    fputs("{\"replay\":\"query.smoke.quad\",\"driver\":\"\",\"seed\":1,\"scale\":1,\"trace\":0,\"ray\":5}", file);
+    fputs("{\"replay\":\"query.smoke.quad\",\"driver\":\"\",\"seed\":1,\"scale\":1,\"trace\":0,\"ray\":5}",
+          file);
     fclose(file);
     outcome = RUN("replay", "one.json", "--driver", "lavapipe");
     expect_status(&outcome, 0, "1. The ray: number 5 of trace 0");
     assert_non_null(strstr(outcome.out, "5. The verdict: exact"));
     forget(&outcome);
     file = fopen("far.json", "w");
-    fputs("{\"replay\":\"query.smoke.quad\",\"driver\":\"\",\"seed\":1,\"scale\":1,\"trace\":0,\"ray\":5000000}", file);
+    fputs("{\"replay\":\"query.smoke.quad\",\"driver\":\"\",\"seed\":1,\"scale\":1,\"trace\":0,\"ray\":"
+          "5000000}",
+          file);
     fclose(file);
     outcome = RUN("replay", "far.json", "--driver", "lavapipe");
     expect_status(&outcome, 3, "there is no ray 5000000");
@@ -458,8 +464,8 @@ static void in_use(void **state)
 static void limits(void **state)
 {
     (void)state;
-    struct outcome outcome = RUN_FAULT("lost:query.smoke.quad", "run", "query.smoke.quad", "query.masks.*", "--out",
-                                       "limited", "--max-fails", "1", "--jobs", "1");
+    struct outcome outcome = RUN_FAULT("lost:query.smoke.quad", "run", "query.smoke.quad", "query.masks.*",
+                                       "--out", "limited", "--max-fails", "1", "--jobs", "1");
     expect_status(&outcome, 1, NULL);
     check_jsonl("limited/results.jsonl", true);
     forget(&outcome);
@@ -498,12 +504,10 @@ static int remove_folder(void **state)
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(usage),        cmocka_unit_test(list),
-        cmocka_unit_test(no_ray_tracing), cmocka_unit_test(all_files),
-        cmocka_unit_test(isolation),    cmocka_unit_test(replay),
-        cmocka_unit_test(expectations), cmocka_unit_test(interruption),
-        cmocka_unit_test(killed_and_resumed), cmocka_unit_test(full_disk),
-        cmocka_unit_test(in_use),       cmocka_unit_test(limits),
+        cmocka_unit_test(usage),        cmocka_unit_test(list),         cmocka_unit_test(no_ray_tracing),
+        cmocka_unit_test(all_files),    cmocka_unit_test(isolation),    cmocka_unit_test(replay),
+        cmocka_unit_test(expectations), cmocka_unit_test(interruption), cmocka_unit_test(killed_and_resumed),
+        cmocka_unit_test(full_disk),    cmocka_unit_test(in_use),       cmocka_unit_test(limits),
     };
     if (argc != 2) {
         fprintf(stderr, "usage: %s PROGRAM\n", argv[0]);

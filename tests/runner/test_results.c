@@ -93,7 +93,10 @@ static struct gn_results_case sample_case(void)
                         .tmax = INFINITY,
                         .flags = 0x11,
                         .cull_mask = 0xA5},
-                .policy = {.confirm_mask = 0xFFFFFFFF, .generate_mask = 0x10, .generate_t0 = 0.5f, .generate_step = 1}},
+                .policy = {.confirm_mask = 0xFFFFFFFF,
+                           .generate_mask = 0x10,
+                           .generate_t0 = 0.5f,
+                           .generate_step = 1}},
         .answer = {.kind = GN_REF_ANSWER_TRIANGLE,
                    .instance = 1,
                    .geometry = 2,
@@ -105,7 +108,12 @@ static struct gn_results_case sample_case(void)
                    .barycentrics = {0.3f, -INFINITY}},
         .verdict = {.cls = GN_REF_LEAK,
                     .ideal_hit = true,
-                    .ideal = {.type = GN_REF_TRIANGLES, .instance = 3, .primitive = 9, .t = 1.0 / 3, .beta = 0.1, .front = true},
+                    .ideal = {.type = GN_REF_TRIANGLES,
+                              .instance = 3,
+                              .primitive = 9,
+                              .t = 1.0 / 3,
+                              .beta = 0.1,
+                              .front = true},
                     .hit_error = 0.7,
                     .hit_bound = 24,
                     .margin = (double)INFINITY,
@@ -141,7 +149,8 @@ static void round_trip(void **state)
     assert_int_equal(back.status, cs.status);
     assert_memory_equal(back.class_counts, cs.class_counts, sizeof cs.class_counts);
     assert_true(isinf(back.hit_error_max));
-    assert_memory_equal(&back.offender.ray, &cs.offender.ray, sizeof cs.offender.ray); /* bit for bit, -0 too */
+    assert_memory_equal(&back.offender.ray, &cs.offender.ray,
+                        sizeof cs.offender.ray); /* bit for bit, -0 too */
     assert_int_equal(back.offender.answer.primitive, 0xFFFFFFFF);
     assert_true(isnan(back.offender.answer.t));
     assert_true(isinf(back.offender.answer.barycentrics[1]) && back.offender.answer.barycentrics[1] < 0);
@@ -154,8 +163,15 @@ static void round_trip(void **state)
 
     /* What a worker's broken memory may send is refused, not believed. */
     static const char *const bad[] = {
-        "", "{", "[]", "null", "{}", "{\"name\":\"x\"}", "{\"name\":\"\",\"status\":\"pass\"}",
-        "{\"name\":\"x\",\"status\":\"fine\"}", "{\"name\":7,\"status\":\"pass\"}",
+        "",
+        "{",
+        "[]",
+        "null",
+        "{}",
+        "{\"name\":\"x\"}",
+        "{\"name\":\"\",\"status\":\"pass\"}",
+        "{\"name\":\"x\",\"status\":\"fine\"}",
+        "{\"name\":7,\"status\":\"pass\"}",
         "{\"name\":\"x\",\"status\":\"leak\",\"picture_width\":4,\"picture_height\":3,\"image\":\"0:5,\"}",
         "{\"name\":\"x\",\"status\":\"leak\",\"picture_width\":4,\"picture_height\":3,\"image\":\"0:d,\"}",
         "{\"name\":\"x\",\"status\":\"leak\",\"picture_width\":4,\"picture_height\":3,\"image\":\"100:c,\"}",
@@ -174,7 +190,8 @@ static void round_trip(void **state)
 static void replay_round_trip(void **state)
 {
     struct gn_arena arena = {0};
-    struct gn_replay replay = {"query.a.b", "/x/icd.json", "dev", UINT64_MAX, 0.1, 3, 70000, "leak", "m"}, back;
+    struct gn_replay replay = {"query.a.b", "/x/icd.json", "dev", UINT64_MAX, 0.1, 3, 70000, "leak", "m"},
+                     back;
     char error[256];
     size_t length = 0;
     (void)state;
@@ -191,7 +208,9 @@ static void replay_round_trip(void **state)
     assert_true(gn_replay_decode(text, length, &arena, &back, error, sizeof error));
     free(text);
     assert_int_equal(back.trace, -1);
-    static const char *const bad[] = {"x", "{}", "{\"replay\":\"a\",\"seed\":1}",
+    static const char *const bad[] = {"x",
+                                      "{}",
+                                      "{\"replay\":\"a\",\"seed\":1}",
                                       "{\"replay\":\"a\",\"seed\":-1,\"scale\":1}",
                                       "{\"replay\":\"a\",\"seed\":1,\"scale\":\"nan\"}",
                                       "{\"replay\":\"\",\"seed\":1,\"scale\":1}"};
@@ -204,15 +223,24 @@ static void replay_round_trip(void **state)
 static void add(struct gn_results *results, const char *name, enum gn_case_status status,
                 enum gn_results_outcome outcome)
 {
-    struct gn_results_case cs = {.name = name, .family = "f", .spec = "s", .status = status, .outcome = outcome,
-                                 .rays = 10, .message = "m <b>&\"'"};
+    struct gn_results_case cs = {.name = name,
+                                 .family = "f",
+                                 .spec = "s",
+                                 .status = status,
+                                 .outcome = outcome,
+                                 .rays = 10,
+                                 .message = "m <b>&\"'"};
     gn_results_add(results, &cs);
 }
 
 static void verdicts(void **state)
 {
-    enum { U = GN_OUTCOME_UNEXPECTED, E = GN_OUTCOME_AS_EXPECTED, X = GN_OUTCOME_EXPECTED_FAILURE,
-           P = GN_OUTCOME_UNEXPECTED_PASS };
+    enum {
+        U = GN_OUTCOME_UNEXPECTED,
+        E = GN_OUTCOME_AS_EXPECTED,
+        X = GN_OUTCOME_EXPECTED_FAILURE,
+        P = GN_OUTCOME_UNEXPECTED_PASS
+    };
     static const struct {
         struct {
             enum gn_case_status status;
@@ -226,24 +254,70 @@ static void verdicts(void **state)
     } rows[] = {
         {{{GN_CASE_PASS, E}, {GN_CASE_PASS, E}}, 2, "", false, false, "All 2 cases passed.", 0},
         {{{GN_CASE_PASS, E}}, 1, "", false, false, "The case passed.", 0},
-        {{{GN_CASE_PASS, E}, {GN_CASE_SKIP, E}}, 2, "", false, false,
-         "Nothing unexpected in 2 cases: 1 passed, 1 was skipped.", 0},
-        {{{GN_CASE_FAIL, U}, {GN_CASE_LEAK, U}, {GN_CASE_PASS, E}, {GN_CASE_SKIP, E}}, 4, "", false, false,
-         "1 of 4 cases failed, 1 leaked; 1 passed, 1 was skipped.", 1},
-        {{{GN_CASE_CRASH, U}, {GN_CASE_TIMEOUT, U}, {GN_CASE_ERROR, U}}, 3, "", false, false,
-         "1 of 3 cases crashed, 1 timed out, 1 could not be judged; 0 passed.", 1},
-        {{{GN_CASE_LEAK, X}, {GN_CASE_PASS, E}}, 2, "", false, false,
-         "Nothing unexpected in 2 cases: 1 passed, 1 failed as expected.", 0},
-        {{{GN_CASE_PASS, P}, {GN_CASE_PASS, E}}, 2, "", false, false,
-         "1 case passed that was expected to fail; 1 passed.", 1},
+        {{{GN_CASE_PASS, E}, {GN_CASE_SKIP, E}},
+         2,
+         "",
+         false,
+         false,
+         "Nothing unexpected in 2 cases: 1 passed, 1 was skipped.",
+         0},
+        {{{GN_CASE_FAIL, U}, {GN_CASE_LEAK, U}, {GN_CASE_PASS, E}, {GN_CASE_SKIP, E}},
+         4,
+         "",
+         false,
+         false,
+         "1 of 4 cases failed, 1 leaked; 1 passed, 1 was skipped.",
+         1},
+        {{{GN_CASE_CRASH, U}, {GN_CASE_TIMEOUT, U}, {GN_CASE_ERROR, U}},
+         3,
+         "",
+         false,
+         false,
+         "1 of 3 cases crashed, 1 timed out, 1 could not be judged; 0 passed.",
+         1},
+        {{{GN_CASE_LEAK, X}, {GN_CASE_PASS, E}},
+         2,
+         "",
+         false,
+         false,
+         "Nothing unexpected in 2 cases: 1 passed, 1 failed as expected.",
+         0},
+        {{{GN_CASE_PASS, P}, {GN_CASE_PASS, E}},
+         2,
+         "",
+         false,
+         false,
+         "1 case passed that was expected to fail; 1 passed.",
+         1},
         {{{GN_CASE_PASS, E}}, 1, "", false, true, "1 expectation names no case; 1 passed.", 1},
-        {{{GN_CASE_SKIP, E}, {GN_CASE_SKIP, E}}, 2, "", false, false,
-         "Nothing was judged: all cases were skipped.", 4},
-        {{{GN_CASE_PASS, E}}, 1, "interrupted by Ctrl-C", false, false,
-         "Stopped after 1 of 9 cases (interrupted by Ctrl-C): the case passed.", 3},
-        {{{GN_CASE_FAIL, U}}, 1, "1 failed", true, false, "Stopped after 1 of 9 cases (1 failed): 1 of 1 case failed; 0 passed.", 1},
-        {{{GN_CASE_PASS, E}}, 0, "interrupted by SIGTERM", false, false,
-         "Stopped after 0 of 9 cases (interrupted by SIGTERM): no case ran.", 3},
+        {{{GN_CASE_SKIP, E}, {GN_CASE_SKIP, E}},
+         2,
+         "",
+         false,
+         false,
+         "Nothing was judged: all cases were skipped.",
+         4},
+        {{{GN_CASE_PASS, E}},
+         1,
+         "interrupted by Ctrl-C",
+         false,
+         false,
+         "Stopped after 1 of 9 cases (interrupted by Ctrl-C): the case passed.",
+         3},
+        {{{GN_CASE_FAIL, U}},
+         1,
+         "1 failed",
+         true,
+         false,
+         "Stopped after 1 of 9 cases (1 failed): 1 of 1 case failed; 0 passed.",
+         1},
+        {{{GN_CASE_PASS, E}},
+         0,
+         "interrupted by SIGTERM",
+         false,
+         false,
+         "Stopped after 0 of 9 cases (interrupted by SIGTERM): no case ran.",
+         3},
     };
     (void)state;
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
@@ -251,7 +325,8 @@ static void verdicts(void **state)
         char verdict[1024];
         gn_results_init(&results);
         for (size_t c = 0; c < rows[i].count; c++)
-            add(&results, "query.f.c", rows[i].cases[c].status, (enum gn_results_outcome)rows[i].cases[c].outcome);
+            add(&results, "query.f.c", rows[i].cases[c].status,
+                (enum gn_results_outcome)rows[i].cases[c].outcome);
         results.stopped = rows[i].stopped;
         results.stopped_at_limit = rows[i].at_limit;
         results.run.selected = 9;
@@ -259,8 +334,8 @@ static void verdicts(void **state)
             gn_results_add_unmatched(&results, "file:3: query.no.such");
         gn_results_verdict(&results, verdict, sizeof verdict);
         if (strcmp(verdict, rows[i].verdict) != 0 || gn_results_exit_status(&results) != rows[i].exit_status)
-            fail_msg("row %zu: expected '%s' and %d, found '%s' and %d", i, rows[i].verdict, rows[i].exit_status,
-                     verdict, gn_results_exit_status(&results));
+            fail_msg("row %zu: expected '%s' and %d, found '%s' and %d", i, rows[i].verdict,
+                     rows[i].exit_status, verdict, gn_results_exit_status(&results));
         gn_results_finish(&results);
     }
 }
@@ -502,9 +577,9 @@ static int remove_folder(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(texts),    cmocka_unit_test(round_trip), cmocka_unit_test(replay_round_trip),
-        cmocka_unit_test(verdicts), cmocka_unit_test(csv),        cmocka_unit_test(junit),
-        cmocka_unit_test(html),     cmocka_unit_test(jsonl),      cmocka_unit_test(pictures),
+        cmocka_unit_test(texts),    cmocka_unit_test(round_trip),  cmocka_unit_test(replay_round_trip),
+        cmocka_unit_test(verdicts), cmocka_unit_test(csv),         cmocka_unit_test(junit),
+        cmocka_unit_test(html),     cmocka_unit_test(jsonl),       cmocka_unit_test(pictures),
         cmocka_unit_test(numbers),  cmocka_unit_test(whole_files),
     };
     return cmocka_run_group_tests(tests, make_folder, remove_folder);

@@ -117,7 +117,8 @@ static void expectation_files(void **state)
         {"# one\nquery.a.b,Fail\n# two\nquery.a.c,Fail\n", NULL, 2, "two"},
         {"query.a.b,Fail # behind\n", NULL, 1, "behind"},
         {"query.a.b\n", ":1: expected `name,Status`", 0, NULL},
-        {"query.a.b,Pass\nquery.a.c,Leak\n", ":2: expected a name and one of", 0, NULL}, /* a leak is written Fail */
+        {"query.a.b,Pass\nquery.a.c,Leak\n", ":2: expected a name and one of", 0,
+         NULL}, /* a leak is written Fail */
         {"query.a.b,fail\n", "found 'query.a.b' and 'fail'", 0, NULL},
         {",Fail\n", ":1: expected a name", 0, NULL},
     };
@@ -134,7 +135,8 @@ static void expectation_files(void **state)
                 fail_msg("row %zu: expected '%s', found '%s'", i, rows[i].error, error);
         } else {
             if (!ok || expectations.count != rows[i].count)
-                fail_msg("row %zu: expected %zu entries, found %zu, '%s'", i, rows[i].count, expectations.count, error);
+                fail_msg("row %zu: expected %zu entries, found %zu, '%s'", i, rows[i].count,
+                         expectations.count, error);
             if (rows[i].count && strcmp(expectations.list[rows[i].count - 1].reason, rows[i].reason) != 0)
                 fail_msg("row %zu: expected the reason '%s', found '%s'", i, rows[i].reason,
                          expectations.list[rows[i].count - 1].reason);
@@ -181,8 +183,9 @@ static void outcomes(void **state)
         struct gn_results_case cs = {.name = "query.a.b", .status = rows[i].status};
         gn_expectations_apply(&expectations, &cs);
         if (cs.outcome != rows[i].outcome)
-            fail_msg("expected %s, status %s: outcome %d, should be %d", rows[i].expected ? rows[i].expected : "nothing",
-                     gn_case_status_name(rows[i].status), cs.outcome, rows[i].outcome);
+            fail_msg("expected %s, status %s: outcome %d, should be %d",
+                     rows[i].expected ? rows[i].expected : "nothing", gn_case_status_name(rows[i].status),
+                     cs.outcome, rows[i].outcome);
     }
 }
 
@@ -195,7 +198,7 @@ static void drivers(void **state)
     assert_non_null(strstr(error, "no driver is named 'nvidia'"));
     assert_null(gn_driver_resolve("/nowhere/icd.json", &arena, error, sizeof error));
     assert_non_null(strstr(error, "/nowhere/icd.json: No such file"));
-    assert_null(gn_driver_resolve("/tmp/", &arena, error, sizeof error)); /* a folder */
+    assert_null(gn_driver_resolve("/tmp/", &arena, error, sizeof error));        /* a folder */
     const char *path = write_temporary("{\"ICD\": {\"api_version\": \"1.3\"}}"); /* no library */
     assert_null(gn_driver_resolve(path, &arena, error, sizeof error));
     assert_non_null(strstr(error, "is not a Vulkan driver's ICD file"));
