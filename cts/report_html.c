@@ -136,8 +136,8 @@ static void put_meaning(FILE *file)
 {
     static const char *const meanings[GN_REF_VERDICT_CLASS_COUNT] = {
         [GN_REF_EXACT] = "the answer of exact arithmetic; its numbers are within the bound",
-        [GN_REF_ADMISSIBLE] = "another answer than the exact one, at a decision so close that floating point "
-                              "may take it either way",
+        [GN_REF_ADMISSIBLE] =
+            "not the exact one, at a decision so close that rounding may take it either way",
         [GN_REF_GAP] = "a hit lost at a border or a silhouette, that close: allowed, and counted",
         [GN_REF_LEAK] =
             "a hit lost between triangles that share an edge or a vertex and leave no way through",
