@@ -34,6 +34,7 @@ struct patched {
     VkBufferUsageFlags2 usage; /* as asked by the application */
     bool changed;
     bool can_copy;
+    bool external;
     union {
         unsigned char bytes[PATCH_BYTES];
         uint64_t align;
@@ -81,7 +82,8 @@ static void patch(const VkBufferCreateInfo *info, struct patched *out)
     out->usage = wide ? wide->usage : info->usage;
     out->changed = false;
     out->can_copy = (out->usage & COPY_FROM) != 0;
-    if (out->can_copy || !(out->usage & BUILD_INPUT) || (external && external->handleTypes) ||
+    out->external = external && external->handleTypes;
+    if (out->can_copy || !(out->usage & BUILD_INPUT) || out->external ||
         (info->flags & VK_BUFFER_CREATE_PROTECTED_BIT))
         return;
     if (wide && !copy_chain(out)) {
@@ -130,7 +132,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
                                  .size = info->size,
                                  .has_address = (patched.usage & ADDRESS) != 0,
                                  .build_input = (patched.usage & BUILD_INPUT) != 0,
-                                 .can_copy = patched.can_copy};
+                                 .can_copy = patched.can_copy,
+                                 .external = patched.external};
     gn_lock(device);
     if (!gn_map_put(&device->buffers, (uint64_t)*out, buffer)) {
         free(buffer);

@@ -108,6 +108,7 @@ struct gn_as {
     uint64_t address;         /* 0 until it is known */
     struct gn_as *same_address;
     uint64_t created_at, destroyed_at; /* destroyed_at is 0 while it is alive */
+    bool shared;                       /* its memory may be written under another name: nothing is known for sure */
     uint64_t generation;               /* how many builds, updates and copies wrote it */
     struct gn_built_on *built;
     uint32_t built_count;
@@ -124,6 +125,7 @@ struct gn_buffer {
     bool build_input;
     bool can_copy;     /* has TRANSFER_SRC usage, by itself or by the layer */
     bool bound;
+    bool external;     /* may be shared with another API or process */
     struct gn_range range; /* in gn_device.inputs once build_input && bound */
 };
 

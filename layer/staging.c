@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Host-visible memory for what the GPU copies for the layer. Small pieces share blocks, in which space is only handed out upwards; a
- * block starts afresh when its last piece came back. */
+/* Host-visible memory for what the GPU copies for the layer. Small pieces share blocks, in which space is only handed
+ * out upwards; a block starts afresh when its last piece came back. */
 #include "layer/layer.h"
 
 #include <stdlib.h>

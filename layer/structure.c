@@ -61,6 +61,8 @@ enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t posit
             (best == GN_BUILT_UNORDERED && seen == GN_BUILT_SAME_CALL))
             best = seen;
     }
+    if (as->shared && (best == GN_BUILT_NEVER || best == GN_BUILT_LATER))
+        best = GN_BUILT_UNORDERED;
     return best;
 }
 
@@ -85,7 +87,11 @@ static void learn_address(struct gn_device *device, struct gn_as *as, uint64_t a
 {
     if (as->address || !address)
         return;
+    /* Two structures alive in one place: what builds one may serve the other. */
     as->same_address = gn_map_get(&device->addresses, address);
+    for (struct gn_as *other = as->same_address; other; other = other->same_address)
+        if (!other->destroyed_at)
+            as->shared = other->shared = true;
     if (gn_map_put(&device->addresses, address, as))
         as->address = address;
     else
@@ -161,6 +167,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
     /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
      * in the same place and never ask. */
     struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)info->buffer);
+    if (as && buffer)
+        as->shared = buffer->external;
     if (as && buffer && buffer->bound && buffer->has_address) {
         VkAccelerationStructureDeviceAddressInfoKHR query = {
             .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR, .accelerationStructure = *out};

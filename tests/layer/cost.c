@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the layer costs: the same work in one process without a layer, under Gnomon, and under Khronos' core validation, taken in
- * turns: the fastest round, which other programs on the machine disturb least, and the median. Run it with the environment of the layer tests (VK_ADD_LAYER_PATH). */
+/* What the layer costs: the same work in one process without a layer, under Gnomon, and under Khronos' core validation,
+ * taken in turns: the fastest round, which other programs on the machine disturb least, and the median. Run it with
+ * the environment of the layer tests (VK_ADD_LAYER_PATH). */
 #include "tests/layer/harness.h"
 
 #include <stdio.h>

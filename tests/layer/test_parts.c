@@ -18,6 +18,7 @@ static struct fake {
 static int table_of_instance, table_of_device;
 static VkResult submit_result, build_result, fence_status;
 static uint64_t next_handle = 0x1000;
+static uint64_t one_address; /* of every structure, if it is not 0 */
 
 static VKAPI_ATTR VkResult VKAPI_CALL create_structure(VkDevice device, const VkAccelerationStructureCreateInfoKHR *info,
                                                        const VkAllocationCallbacks *allocator,
@@ -38,7 +39,7 @@ static VKAPI_ATTR VkDeviceAddress VKAPI_CALL address_of(VkDevice device,
                                                         const VkAccelerationStructureDeviceAddressInfoKHR *info)
 {
     (void)device;
-    return (uint64_t)info->accelerationStructure << 8;
+    return one_address ? one_address : (uint64_t)info->accelerationStructure << 8;
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL build_on_host(VkDevice device, VkDeferredOperationKHR deferred, uint32_t count,
@@ -240,6 +241,7 @@ static int set_up(void **state)
     struct gn_device *device = calloc(1, sizeof *device);
     staging = calloc(1, 1 << 20);
     submit_result = build_result = fence_status = VK_SUCCESS;
+    one_address = 0;
     fake_instance.table = &table_of_instance;
     fake_device.table = fake_queues[0].table = fake_queues[1].table = &table_of_device;
     fixture->instance.handle = (VkInstance)(void *)&fake_instance;
@@ -552,6 +554,51 @@ static void destroyed_while_the_build_is_pending(void **state)
     assert_int_equal(unjudged(fixture, GN_UNJUDGED_unknown_reference), 1);
 }
 
+/* Two structures in one place at one time: building either fills the memory. One after the other is another matter. */
+static void aliases_are_not_accused(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR tlas = make(fixture, TOP);
+    one_address = 0xAB00;
+    VkAccelerationStructureKHR first = make(fixture, BOTTOM);
+    on_queue(fixture, 0, 0, first, BOTTOM, VK_NULL_HANDLE);
+    VkAccelerationStructureKHR second = make(fixture, BOTTOM);
+    gn_entry_DestroyAccelerationStructureKHR(fixture->handle, first, NULL);
+    fixture->record.accelerationStructureReference = one_address;
+    on_queue(fixture, 0, 1, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_other_order), 1);
+    gn_entry_DestroyAccelerationStructureKHR(fixture->handle, second, NULL);
+    make(fixture, BOTTOM);
+    on_queue(fixture, 0, 2, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
+}
+
+static void structures_in_external_memory_are_not_accused(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR tlas = make(fixture, TOP), blas;
+    for (int shared = 1; shared >= 0; shared--) {
+        VkExternalMemoryBufferCreateInfo external = {.sType = VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO,
+                                                     .handleTypes = VK_EXTERNAL_MEMORY_HANDLE_TYPE_OPAQUE_FD_BIT};
+        VkBufferCreateInfo buffer = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                     .pNext = shared ? &external : NULL,
+                                     .size = 256,
+                                     .usage = VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR |
+                                              VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
+        VkAccelerationStructureCreateInfoKHR info = {.type = BOTTOM};
+        gn_entry_CreateBuffer(fixture->handle, &buffer, NULL, &info.buffer);
+        gn_entry_BindBufferMemory(fixture->handle, info.buffer, VK_NULL_HANDLE, 0);
+        gn_entry_CreateAccelerationStructureKHR(fixture->handle, &info, NULL, &blas); /* its address is never asked */
+        fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
+        on_queue(fixture, 0, shared, tlas, TOP, VK_NULL_HANDLE);
+        gn_device_collect(fixture->device);
+        assert_int_equal(fixture->instance.findings, !shared);
+    }
+}
+
 /* Creation and the question about memory see the same usage; what the application passed stays as it was. */
 static void usage_is_added_alike(void **state)
 {
@@ -694,6 +741,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_fence_that_is_reset_has_completed, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_device_destroyed_before_completion, set_up, tear_down),
         cmocka_unit_test_setup_teardown(destroyed_while_the_build_is_pending, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(aliases_are_not_accused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(structures_in_external_memory_are_not_accused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(usage_is_added_alike, set_up, tear_down),
         cmocka_unit_test_setup_teardown(after_running_out_of_memory_nobody_is_accused, set_up, tear_down),
         cmocka_unit_test(map_agrees_with_an_array),
