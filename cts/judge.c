@@ -422,11 +422,11 @@ static void result_finish(struct gn_case_run *run)
     uint64_t wrong = result->class_counts[GN_REF_WRONG];
     uint64_t leaks = result->class_counts[GN_REF_LEAK] + result->class_counts[GN_REF_DOUBLE_HIT];
     if (wrong)
-        gn_case_fail(run, "%llu of %llu rays wrong; ray %u of trace %u %s", (unsigned long long)wrong,
+        gn_case_fail(run, "%llu of %llu rays wrong; ray %u of trace %u: %s", (unsigned long long)wrong,
                      (unsigned long long)result->rays, offender->ray_index, offender->trace,
                      offender->verdict.reason);
     else if (leaks)
-        case_leak(run, "%llu of %llu rays leak; ray %u of trace %u %s", (unsigned long long)leaks,
+        case_leak(run, "%llu of %llu rays leak; ray %u of trace %u: %s", (unsigned long long)leaks,
                   (unsigned long long)result->rays, offender->ray_index, offender->trace,
                   offender->verdict.reason);
     else if (result->status == GN_CASE_PASS && !result->rays)
