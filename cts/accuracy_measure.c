@@ -47,7 +47,7 @@ struct measurement {
 
 static uint32_t rays_of(const struct measurement *m, enum gn_ref_tier tier)
 {
-    return tier == GN_REF_EXACT_TIER ? m->exact_count : m->ray_count;
+    return tier == GN_REF_TIER_EXACT ? m->exact_count : m->ray_count;
 }
 
 struct part {
@@ -99,7 +99,7 @@ static uint32_t count_exact(struct measurement *m)
 {
     uint32_t most = m->accuracy->options.exact_rays < m->ray_count ? m->accuracy->options.exact_rays : m->ray_count;
     uint32_t count = most < 16 ? most : 16;
-    double seconds = trace(m, GN_REF_EXACT_TIER, GN_ACCURACY_SINGLE, count);
+    double seconds = trace(m, GN_REF_TIER_EXACT, GN_ACCURACY_SINGLE, count);
     double fits = seconds > 0 ? count * EXACT_SECONDS / seconds : most;
     return fits >= most ? most : fits > 16 ? (uint32_t)fits : count;
 }
@@ -189,22 +189,22 @@ static float error_in_ulp(double t, double exact)
 static void judge_ray(struct judge *judge, uint32_t i)
 {
     struct measurement *m = judge->m;
-    const struct gn_ref_tracer *oracle = m->tracers[GN_REF_CERTIFIED];
-    struct answer right = m->answers[GN_REF_CERTIFIED][GN_ACCURACY_SINGLE][i];
+    const struct gn_ref_tracer *oracle = m->tracers[GN_REF_TIER_CERTIFIED];
+    struct answer right = m->answers[GN_REF_TIER_CERTIFIED][GN_ACCURACY_SINGLE][i];
     bool agreed = true;
-    for (int t = 0; t < GN_REF_EXACT_TIER; t++)
+    for (int t = 0; t < GN_REF_TIER_EXACT; t++)
         for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
             agreed = agreed && same(&m->answers[t][mode][i], &right);
     if (i < m->exact_count) {
-        right = m->answers[GN_REF_EXACT_TIER][GN_ACCURACY_SINGLE][i];
-        oracle = m->tracers[GN_REF_EXACT_TIER];
+        right = m->answers[GN_REF_TIER_EXACT][GN_ACCURACY_SINGLE][i];
+        oracle = m->tracers[GN_REF_TIER_EXACT];
         judge->exact_asked++;
     } else if (!agreed && judge->exact_budget) {
         struct gn_ref_record record;
-        gn_ref_tracer_closest(m->tracers[GN_REF_EXACT_TIER], &m->rays[i], &record);
+        gn_ref_tracer_closest(m->tracers[GN_REF_TIER_EXACT], &m->rays[i], &record);
         right = (struct answer){record.hit.t, record.hit.instance, record.hit.geometry, record.hit.primitive,
                                 (int32_t)record.outcome};
-        oracle = m->tracers[GN_REF_EXACT_TIER];
+        oracle = m->tracers[GN_REF_TIER_EXACT];
         judge->exact_budget--;
         judge->exact_asked++;
     }
@@ -280,7 +280,7 @@ static void put_row(struct measurement *m, struct gn_accuracy_row *row, struct j
     double speeds[MOST_RUNS], ratios[MOST_RUNS];
     for (uint32_t r = 0; r < runs; r++) {
         speeds[r] = 1e-6 / m->seconds[r][row->tier][row->mode];
-        ratios[r] = m->seconds[r][GN_REF_ROBUST][row->mode] / m->seconds[r][row->tier][row->mode];
+        ratios[r] = m->seconds[r][GN_REF_TIER_ROBUST][row->mode] / m->seconds[r][row->tier][row->mode];
     }
     row->mrays_per_s = median(speeds, runs);
     row->ratio_to_robust = median(ratios, runs);

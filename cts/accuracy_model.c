@@ -109,8 +109,8 @@ static bool take_mesh(struct source *source, struct gn_arena *arena, struct gn_m
     triangles = positions ? take_array(source, mesh.triangle_count, sizeof *triangles) : NULL;
     if (!triangles)
         goto done;
-    *out = (struct gn_mesh){GN_NEW(arena, double[3], mesh.position_count), mesh.position_count,
-                            GN_NEW(arena, uint32_t[3], mesh.triangle_count), mesh.triangle_count};
+    *out = (struct gn_mesh){gn_arena_alloc(arena, mesh.position_count, sizeof *out->positions), mesh.position_count,
+                            gn_arena_alloc(arena, mesh.triangle_count, sizeof *out->triangles), mesh.triangle_count};
     for (uint32_t i = 0; i < mesh.position_count; i++) {
         for (int c = 0; c < 3; c++) {
             if (!isfinite(positions[i][c])) {

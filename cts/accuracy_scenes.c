@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "cts/accuracy.h"
+#include "cts/results.h"
 
 const char *gn_accuracy_aim_name(enum gn_aim aim)
 {
