@@ -7,6 +7,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 #include "reference/scene_internal.h"
 
@@ -458,6 +459,8 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
     struct gn_ref_environment environment;
     gn_ref_environment_enter(&environment);
     gn_ref_exact_init(&exact);
+    struct timespec start, end;
+    clock_gettime(CLOCK_MONOTONIC, &start);
 
     uint64_t totals[2] = {0};
     uint32_t most_positions = 0;
@@ -521,6 +524,8 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
     scene->primitives = flat.primitives;
     scene->primitive_count = flat.count;
     flat.primitives = NULL;
+    clock_gettime(CLOCK_MONOTONIC, &end);
+    scene->commit_seconds = (double)(end.tv_sec - start.tv_sec) + 1e-9 * (double)(end.tv_nsec - start.tv_nsec);
     scene->committed = true;
     scene->error[0] = '\0';
     done = true;

@@ -100,6 +100,7 @@ struct gn_ref_scene {
     struct gn_ref_instance_data *instance_data; /* from commit on */
     uint32_t instance_count, instance_capacity;
     bool committed;
+    double commit_seconds; /* by the wall clock */
     struct gn_ref_primitive *primitives;
     uint32_t triangle_count; /* of primitives[] */
     uint32_t primitive_count;

@@ -96,7 +96,7 @@ enum gn_ref_outcome {
  * real numbers for the primitive that is named. barycentric_error bounds beta and gamma each.
  *
  * CERTIFIED: at most 2^-40 |t| + 2^-1000 for t and t_exit and 2^-40 for barycentrics, by the derivation in filter.c; 0 for
- * numbers that are 0 by definition (the barycentrics of a box). EXACT: one rounding towards zero, 2^-52 of the number.
+ * numbers that are 0 by definition (the barycentrics of a box). EXACT: 2^-51 of the number.
  * FAST, ROBUST, DOUBLE: infinite, nothing is promised. A t that f64 has no number for is infinite, and so is its error.
  *
  * `hit` is all zero when the outcome is not GN_REF_HIT, and so are the errors.
