@@ -56,6 +56,31 @@ struct gn_case_offender {
     struct gn_ref_verdict verdict;
 };
 
+/* One value of a sweep's parameter, and what became of its rays. */
+struct gn_case_point {
+    double value;
+    bool judged; /* decides the status; otherwise it only informs */
+    uint64_t rays, ideal_hits;
+    uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
+    double hit_error_median, hit_error_p999, hit_error_max; /* as those of the case */
+    /* The largest hit error in parts of what it is held against, times the bound: above the bound is wrong. */
+    double held_error_max;
+    double margin_max; /* of every decision that differs from the ideal one, also where that is wrong */
+};
+
+/* A sweep: a parameter grown until the answers leave the bound. Strings are never NULL once `count` is above 0. */
+struct gn_case_curve {
+    const char *parameter; /* "aspect ratio of the triangles" */
+    const char *unit; /* "degrees", or "" */
+    const char *why; /* why the values are judged as far as they are */
+    struct gn_case_point *points; /* from the easiest value to the hardest: either all grow or all shrink */
+    uint32_t count;
+};
+/* Whether an answer at this value left the bound: a leak, a double hit or a wrong one. */
+bool gn_case_point_left(const struct gn_case_point *point);
+/* The first such point, or NULL. */
+const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve);
+
 /* What a case has come to; filled by the functions below, read by the runner and the reports. */
 struct gn_case_result {
     enum gn_case_status status;
@@ -66,6 +91,7 @@ struct gn_case_result {
     uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
     double hit_error_median, hit_error_p999, hit_error_max; /* units of 2^-24, over hits */
     double margin_max;
+    struct gn_case_curve curve; /* of a sweep, whose sums above are those of the judged values alone */
     bool has_offender;
     struct gn_case_offender offender;
     /* One byte per ray of the trace with the offender (or of the first): enum gn_ref_verdict_class, plus 0x80
@@ -88,6 +114,8 @@ struct gn_case_run {
     int64_t only_ray;
     uint32_t trace_count;
     struct gn_case_samples *samples; /* of hit errors; owned by judge.c */
+    struct gn_case_point *point; /* what is traced belongs to it; NULL outside of sweeps */
+    struct gn_case_samples *point_samples; /* likewise owned by judge.c */
 };
 
 /*
@@ -97,11 +125,35 @@ struct gn_case_run {
 void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width);
 
+/*
+ * The second half of gn_case_trace(): judges answers that came from elsewhere than run->device, one for each ray.
+ */
+void gn_case_judge(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                   const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width,
+                   const struct gn_cts_answers *answers);
+
+/*
+ * Sweeps: names the curve, whose texts have to outlive the run, and makes room for `count` points; then everything
+ * traced between the begin and the end of a point belongs to it.
+ */
+void gn_case_curve_begin(struct gn_case_run *run, const char *parameter, const char *unit, const char *why,
+                         uint32_t count);
+void gn_case_point_begin(struct gn_case_run *run, double value, bool judged);
+void gn_case_point_end(struct gn_case_run *run);
+
 /* Ends the case as skipped, with the reason; the first reason counts. The caller returns after it. */
 void gn_case_skip(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
 /* Fails the case with a message that states both values; the first message is kept. */
 void gn_case_fail(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
+
+/*
+ * The two halves of gn_case_execute(), for answers that come from elsewhere: a run from zeroed result, and its final
+ * status. The run has to be finished in any case.
+ */
+void gn_case_run_begin(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
+                       struct gn_case_run *out_run);
+void gn_case_run_end(struct gn_case_run *run);
 
 /* Runs one case in this process, from zeroed result to final status. */
 void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,

@@ -238,9 +238,8 @@ static void judge_positions(struct gn_ref_judge *judge, const struct gn_ref_answ
                       (&vertices[0][0])[at], error, exact ? 0.0 : position_bound);
 }
 
-static void sample_add(struct gn_case_run *run, double value)
+static void sample_add(struct gn_case_samples *samples, double value)
 {
-    struct gn_case_samples *samples = run->samples;
     if (samples->count == samples->capacity) {
         size_t capacity = samples->capacity ? 2 * samples->capacity : 4096;
         float *grown = realloc(samples->values, capacity * sizeof *grown);
@@ -266,6 +265,21 @@ static void image_begin(struct gn_case_run *run, uint32_t ray_count, uint32_t wi
     memset(result->image, 0xFF, (size_t)width * height); /* 0xFF: no ray */
     result->image_width = width;
     result->image_height = height;
+}
+
+static void point_add(struct gn_case_run *run, const struct gn_ref_verdict *verdict, bool measured, double hit_error)
+{
+    struct gn_case_point *point = run->point;
+    point->rays++;
+    point->ideal_hits += verdict->ideal_hit;
+    point->class_counts[verdict->cls]++;
+    point->margin_max = fmax(point->margin_max, verdict->margin);
+    if (!measured)
+        return;
+    sample_add(run->point_samples, hit_error);
+    if (verdict->hit_bound > 0)
+        point->held_error_max =
+            fmax(point->held_error_max, verdict->hit_error / verdict->hit_bound * gn_ref_verdict_bound());
 }
 
 static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const struct gn_ref_scene *reference,
@@ -312,22 +326,28 @@ static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const
     if (program == GN_CTS_POSITIONS)
         judge_positions(judge, answer, answers->positions[i], &verdict);
 
-    result->rays++;
-    result->ideal_hits += verdict.ideal_hit;
-    result->class_counts[verdict.cls]++;
     /* The error of a hit on a primitive that is not there says nothing about rounding. */
     bool elsewhere = verdict.cls == GN_REF_WRONG &&
                      !(verdict.ideal_hit && verdict.ideal.instance == answer->instance &&
                        verdict.ideal.geometry == answer->geometry && verdict.ideal.primitive == answer->primitive);
-    if (answer->kind == GN_REF_ANSWER_TRIANGLE && !elsewhere)
-        sample_add(run, hit_error);
-    if (verdict.cls < GN_REF_GAP && verdict.margin > result->margin_max)
-        result->margin_max = verdict.margin;
+    bool measured = answer->kind == GN_REF_ANSWER_TRIANGLE && !elsewhere;
+    if (run->point)
+        point_add(run, &verdict, measured, hit_error);
     if (keep_image && result->image)
         result->image[i] = (uint8_t)(verdict.cls | (verdict.ideal_hit ? 0 : 0x80));
+    bool selected = run->only_ray >= 0;
+    if (run->point && !run->point->judged && !selected)
+        return;
+
+    result->rays++;
+    result->ideal_hits += verdict.ideal_hit;
+    result->class_counts[verdict.cls]++;
+    if (measured)
+        sample_add(run->samples, hit_error);
+    if (verdict.cls < GN_REF_GAP && verdict.margin > result->margin_max)
+        result->margin_max = verdict.margin;
 
     bool bad = verdict.cls >= GN_REF_LEAK;
-    bool selected = run->only_ray >= 0;
     if (selected || (bad && (!result->has_offender || verdict.cls > result->offender.verdict.cls))) {
         result->has_offender = true;
         result->offender = (struct gn_case_offender){.trace = run->trace_count,
@@ -338,31 +358,33 @@ static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const
     }
 }
 
-void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
-                   const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width)
+/* Whether rays of this trace are wanted, and which. */
+static bool trace_selected(struct gn_case_run *run, uint32_t ray_count, uint32_t *out_first, uint32_t *out_end)
+{
+    *out_first = 0;
+    *out_end = ray_count;
+    if (run->result.status == GN_CASE_ERROR || (run->only_trace >= 0 && run->only_trace != run->trace_count))
+        return false;
+    if (run->only_ray < 0)
+        return true;
+    if (run->only_ray >= ray_count) {
+        case_error(run, "trace %u has %u rays: there is no ray %lld", run->trace_count, ray_count,
+                   (long long)run->only_ray);
+        return false;
+    }
+    *out_first = (uint32_t)run->only_ray;
+    *out_end = *out_first + 1;
+    return true;
+}
+
+/* The answers start at the first ray. */
+static void judge_rays(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                       const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t first, uint32_t end, uint32_t width,
+                       const struct gn_cts_answers *answers)
 {
     struct gn_case_result *result = &run->result;
-    struct gn_ref_scene *reference = NULL;
     struct gn_ref_judge *judge = NULL;
-    struct gn_built_scene *built = NULL;
-    struct gn_cts_answers answers = {0};
-    struct gn_arena arena = {0};
-    uint32_t first = 0, end = ray_count;
-    if (result->status == GN_CASE_ERROR || (run->only_trace >= 0 && run->only_trace != run->trace_count))
-        goto done;
-    if (run->only_ray >= 0) {
-        if (run->only_ray >= ray_count) {
-            case_error(run, "trace %u has %u rays: there is no ray %lld", run->trace_count, ray_count,
-                       (long long)run->only_ray);
-            goto done;
-        }
-        first = (uint32_t)run->only_ray;
-        end = first + 1;
-    }
-    if (!device_answered(run, gn_scene_build(run->device, scene, &built)) ||
-        !device_answered(run, gn_scene_trace(built, program, rays + first, end - first, &arena, &answers)))
-        goto done;
-    reference = reference_scene(run, scene);
+    struct gn_ref_scene *reference = reference_scene(run, scene);
     if (!reference)
         goto done;
     judge = gn_ref_judge_create(reference);
@@ -377,9 +399,8 @@ void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, en
     result->image = NULL;
     if (run->only_ray < 0)
         image_begin(run, ray_count, width);
-    /* The answers start at the first ray. */
     for (uint32_t i = 0; i < end - first; i++)
-        judge_ray(run, judge, reference, program, rays + first, i, &answers, run->only_ray < 0);
+        judge_ray(run, judge, reference, program, rays + first, i, answers, run->only_ray < 0);
     if (run->only_ray >= 0 && result->has_offender) {
         result->offender.ray_index = first;
         result->nearest_count = gn_ref_trace_all_exact(reference, &rays[first].ray, result->nearest,
@@ -394,11 +415,33 @@ void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, en
         free(old_image);
     }
 done:
-    run->trace_count++;
     gn_ref_judge_destroy(judge);
     gn_ref_scene_destroy(reference);
+}
+
+void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                   const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width)
+{
+    struct gn_built_scene *built = NULL;
+    struct gn_cts_answers answers = {0};
+    struct gn_arena arena = {0};
+    uint32_t first, end;
+    if (trace_selected(run, ray_count, &first, &end) &&
+        device_answered(run, gn_scene_build(run->device, scene, &built)) &&
+        device_answered(run, gn_scene_trace(built, program, rays + first, end - first, &arena, &answers)))
+        judge_rays(run, scene, program, rays, ray_count, first, end, width, &answers);
+    run->trace_count++;
     gn_built_scene_destroy(built);
     gn_arena_finish(&arena);
+}
+
+void gn_case_judge(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                   const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width,
+                   const struct gn_cts_answers *answers)
+{
+    if (run->result.status != GN_CASE_ERROR)
+        judge_rays(run, scene, program, rays, ray_count, 0, ray_count, width, answers);
+    run->trace_count++;
 }
 
 static int float_compare(const void *left, const void *right)
@@ -407,56 +450,121 @@ static int float_compare(const void *left, const void *right)
     return a < b ? -1 : a > b;
 }
 
-static void result_finish(struct gn_case_run *run)
+static void samples_distribution(struct gn_case_samples *samples, double *out_median, double *out_p999,
+                                 double *out_max)
+{
+    if (!samples->count)
+        return;
+    qsort(samples->values, samples->count, sizeof *samples->values, float_compare);
+    size_t last = samples->count - 1;
+    *out_median = (double)samples->values[last / 2];
+    *out_p999 = (double)samples->values[(size_t)((double)last * 0.999)];
+    *out_max = (double)samples->values[last];
+}
+
+bool gn_case_point_left(const struct gn_case_point *point)
+{
+    return point->class_counts[GN_REF_LEAK] || point->class_counts[GN_REF_DOUBLE_HIT] ||
+           point->class_counts[GN_REF_WRONG];
+}
+
+const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve)
+{
+    for (uint32_t i = 0; i < curve->count; i++)
+        if (gn_case_point_left(&curve->points[i]))
+            return &curve->points[i];
+    return NULL;
+}
+
+void gn_case_curve_begin(struct gn_case_run *run, const char *parameter, const char *unit, const char *why,
+                         uint32_t count)
+{
+    run->result.curve = (struct gn_case_curve){.parameter = parameter, .unit = unit, .why = why};
+    run->result.curve.points = GN_NEW(&run->arena, struct gn_case_point, count);
+}
+
+void gn_case_point_begin(struct gn_case_run *run, double value, bool judged)
+{
+    struct gn_case_curve *curve = &run->result.curve;
+    run->point = &curve->points[curve->count++];
+    run->point->value = value;
+    run->point->judged = judged;
+    run->point_samples->count = 0;
+}
+
+void gn_case_point_end(struct gn_case_run *run)
+{
+    struct gn_case_point *point = run->point;
+    samples_distribution(run->point_samples, &point->hit_error_median, &point->hit_error_p999,
+                         &point->hit_error_max);
+    run->point = NULL;
+}
+
+/* " (aspect ratio 1000)" for a trace of a sweep: each of its traces is a point. */
+static const char *offender_value(const struct gn_case_run *run, char *buffer, size_t size)
+{
+    const struct gn_case_curve *curve = &run->result.curve;
+    buffer[0] = 0;
+    if (run->result.offender.trace < curve->count)
+        snprintf(buffer, size, " (%s %.6g%s%s)", curve->parameter, curve->points[run->result.offender.trace].value,
+                 curve->unit[0] ? " " : "", curve->unit);
+    return buffer;
+}
+
+void gn_case_run_end(struct gn_case_run *run)
 {
     struct gn_case_result *result = &run->result;
-    struct gn_case_samples *samples = run->samples;
-    if (samples->count) {
-        qsort(samples->values, samples->count, sizeof *samples->values, float_compare);
-        size_t last = samples->count - 1;
-        result->hit_error_median = (double)samples->values[last / 2];
-        result->hit_error_p999 = (double)samples->values[(size_t)((double)last * 0.999)];
-        result->hit_error_max = (double)samples->values[last];
-    }
     const struct gn_case_offender *offender = &result->offender;
     uint64_t wrong = result->class_counts[GN_REF_WRONG];
     uint64_t leaks = result->class_counts[GN_REF_LEAK] + result->class_counts[GN_REF_DOUBLE_HIT];
+    char value[256];
+    samples_distribution(run->samples, &result->hit_error_median, &result->hit_error_p999, &result->hit_error_max);
     if (wrong)
-        gn_case_fail(run, "%llu of %llu rays wrong; ray %u of trace %u: %s", (unsigned long long)wrong,
+        gn_case_fail(run, "%llu of %llu rays wrong; ray %u of trace %u%s %s", (unsigned long long)wrong,
                      (unsigned long long)result->rays, offender->ray_index, offender->trace,
-                     offender->verdict.reason);
+                     offender_value(run, value, sizeof value), offender->verdict.reason);
     else if (leaks)
-        case_leak(run, "%llu of %llu rays leak; ray %u of trace %u: %s", (unsigned long long)leaks,
+        case_leak(run, "%llu of %llu rays leak; ray %u of trace %u%s %s", (unsigned long long)leaks,
                   (unsigned long long)result->rays, offender->ray_index, offender->trace,
-                  offender->verdict.reason);
+                  offender_value(run, value, sizeof value), offender->verdict.reason);
     else if (result->status == GN_CASE_PASS && !result->rays)
         case_error(run, "the case traced no ray");
+}
+
+void gn_case_run_begin(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
+                       struct gn_case_run *out_run)
+{
+    memset(out_run, 0, sizeof *out_run);
+    out_run->device = device;
+    out_run->scale = scale;
+    out_run->only_trace = out_run->only_ray = -1;
+    out_run->random.state = XXH64(self->name, strlen(self->name), seed);
+    out_run->samples = GN_NEW(&out_run->arena, struct gn_case_samples, 1);
+    out_run->point_samples = GN_NEW(&out_run->arena, struct gn_case_samples, 1);
 }
 
 void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
                      int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run)
 {
     struct timespec begin, end;
-    struct gn_case_samples samples = {0};
-    memset(out_run, 0, sizeof *out_run);
-    out_run->device = device;
-    out_run->scale = scale;
+    clock_gettime(CLOCK_MONOTONIC, &begin);
+    gn_case_run_begin(self, device, seed, scale, out_run);
     out_run->only_trace = only_trace;
     out_run->only_ray = only_ray;
-    out_run->random.state = XXH64(self->name, strlen(self->name), seed);
-    out_run->samples = &samples;
-    clock_gettime(CLOCK_MONOTONIC, &begin);
     self->run(out_run, self);
-    result_finish(out_run);
+    gn_case_run_end(out_run);
     clock_gettime(CLOCK_MONOTONIC, &end);
     out_run->result.seconds = (double)(end.tv_sec - begin.tv_sec) + 1e-9 * (double)(end.tv_nsec - begin.tv_nsec);
-    out_run->samples = NULL;
-    free(samples.values);
 }
 
 void gn_case_run_finish(struct gn_case_run *run)
 {
     free(run->result.image);
     run->result.image = NULL;
+    if (run->samples)
+        free(run->samples->values);
+    if (run->point_samples)
+        free(run->point_samples->values);
+    run->samples = run->point_samples = NULL;
     gn_arena_finish(&run->arena);
 }

@@ -62,6 +62,13 @@ struct gn_results_case *gn_results_add(struct gn_results *results, const struct 
     cs->replay = keep(results, source->replay);
     cs->expected = keep(results, source->expected);
     cs->expected_reason = keep(results, source->expected_reason);
+    cs->curve.parameter = keep(results, source->curve.parameter);
+    cs->curve.unit = keep(results, source->curve.unit);
+    cs->curve.why = keep(results, source->curve.why);
+    if (source->curve.count) {
+        cs->curve.points = GN_NEW(&results->arena, struct gn_case_point, source->curve.count);
+        memcpy(cs->curve.points, source->curve.points, source->curve.count * sizeof *cs->curve.points);
+    }
     cs->image = NULL;
     return cs;
 }

@@ -31,6 +31,7 @@ struct gn_results_case {
     uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
     double hit_error_median, hit_error_p999, hit_error_max;
     double margin_max;
+    struct gn_case_curve curve; /* no points but for a sweep */
     const char *message;
     const char *output; /* the end of what the driver printed, for a case that did not pass */
     bool has_offender;

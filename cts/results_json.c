@@ -179,6 +179,47 @@ static yyjson_mut_val *offender_encode(yyjson_mut_doc *doc, const struct gn_case
     return root;
 }
 
+static void put_classes(yyjson_mut_doc *doc, yyjson_mut_val *object, const uint64_t *counts)
+{
+    yyjson_mut_val *classes = yyjson_mut_obj_add_obj(doc, object, "classes");
+    for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
+        put_uint(doc, classes, gn_results_class_key((enum gn_ref_verdict_class)c), counts[c]);
+}
+
+static void put_hit_error(yyjson_mut_doc *doc, yyjson_mut_val *object, double median, double p999, double max)
+{
+    yyjson_mut_val *error = yyjson_mut_obj_add_obj(doc, object, "hit_error");
+    put_real(doc, error, "median", median);
+    put_real(doc, error, "p999", p999);
+    put_real(doc, error, "max", max);
+}
+
+static void curve_encode(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct gn_case_curve *curve)
+{
+    yyjson_mut_val *sweep = yyjson_mut_obj_add_obj(doc, root, "sweep");
+    put_text(doc, sweep, "parameter", curve->parameter);
+    put_text(doc, sweep, "unit", curve->unit);
+    put_text(doc, sweep, "why", curve->why);
+    const struct gn_case_point *left = gn_case_curve_left(curve);
+    if (left)
+        put_real(doc, sweep, "left_at", left->value);
+    else
+        yyjson_mut_obj_add_null(doc, sweep, "left_at");
+    yyjson_mut_val *array = yyjson_mut_obj_add_arr(doc, root, "curve");
+    for (uint32_t i = 0; i < curve->count; i++) {
+        const struct gn_case_point *p = &curve->points[i];
+        yyjson_mut_val *point = yyjson_mut_arr_add_obj(doc, array);
+        put_real(doc, point, "value", p->value);
+        yyjson_mut_obj_add_bool(doc, point, "judged", p->judged);
+        put_uint(doc, point, "rays", p->rays);
+        put_uint(doc, point, "ideal_hits", p->ideal_hits);
+        put_classes(doc, point, p->class_counts);
+        put_hit_error(doc, point, p->hit_error_median, p->hit_error_p999, p->hit_error_max);
+        put_real(doc, point, "held_error_max", p->held_error_max);
+        put_real(doc, point, "margin_max", p->margin_max);
+    }
+}
+
 char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_length)
 {
     yyjson_mut_doc *doc = yyjson_mut_doc_new(NULL);
@@ -193,14 +234,11 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
     put_text(doc, root, "family", cs->family);
     put_text(doc, root, "spec", cs->spec);
     put_uint(doc, root, "ideal_hits", cs->ideal_hits);
-    yyjson_mut_val *classes = yyjson_mut_obj_add_obj(doc, root, "classes");
-    for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
-        put_uint(doc, classes, gn_results_class_key((enum gn_ref_verdict_class)c), cs->class_counts[c]);
-    yyjson_mut_val *error = yyjson_mut_obj_add_obj(doc, root, "hit_error");
-    put_real(doc, error, "median", cs->hit_error_median);
-    put_real(doc, error, "p999", cs->hit_error_p999);
-    put_real(doc, error, "max", cs->hit_error_max);
+    put_classes(doc, root, cs->class_counts);
+    put_hit_error(doc, root, cs->hit_error_median, cs->hit_error_p999, cs->hit_error_max);
     put_real(doc, root, "margin_max", cs->margin_max);
+    if (cs->curve.count)
+        curve_encode(doc, root, &cs->curve);
     if (cs->outcome != GN_OUTCOME_AS_EXPECTED)
         yyjson_mut_obj_add_bool(doc, root, "counts", cs->outcome != GN_OUTCOME_EXPECTED_FAILURE);
     if (cs->expected && cs->expected[0]) {
@@ -326,6 +364,45 @@ static void offender_decode(yyjson_val *root, struct gn_case_offender *offender)
     snprintf(v->reason, sizeof v->reason, "%s", reason ? reason : "");
 }
 
+static void get_classes(yyjson_val *object, uint64_t *counts)
+{
+    yyjson_val *classes = yyjson_obj_get(object, "classes");
+    for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
+        counts[c] = get_uint(classes, gn_results_class_key((enum gn_ref_verdict_class)c));
+}
+
+static void get_hit_error(yyjson_val *object, double *median, double *p999, double *max)
+{
+    yyjson_val *error = yyjson_obj_get(object, "hit_error");
+    *median = get_real(error, "median");
+    *p999 = get_real(error, "p999");
+    *max = get_real(error, "max");
+}
+
+static void curve_decode(yyjson_val *root, struct gn_arena *arena, struct gn_case_curve *curve)
+{
+    yyjson_val *array = yyjson_obj_get(root, "curve"), *sweep = yyjson_obj_get(root, "sweep");
+    size_t count = yyjson_arr_size(array);
+    curve->parameter = get_text(sweep, "parameter", arena);
+    curve->unit = get_text(sweep, "unit", arena);
+    curve->why = get_text(sweep, "why", arena);
+    if (!count || count > UINT32_MAX)
+        return;
+    curve->points = GN_NEW(arena, struct gn_case_point, count);
+    yyjson_arr_iter iterator = yyjson_arr_iter_with(array);
+    for (yyjson_val *point; (point = yyjson_arr_iter_next(&iterator));) {
+        struct gn_case_point *p = &curve->points[curve->count++];
+        p->value = get_real(point, "value");
+        p->judged = yyjson_get_bool(yyjson_obj_get(point, "judged"));
+        p->rays = get_uint(point, "rays");
+        p->ideal_hits = get_uint(point, "ideal_hits");
+        get_classes(point, p->class_counts);
+        get_hit_error(point, &p->hit_error_median, &p->hit_error_p999, &p->hit_error_max);
+        p->held_error_max = get_real(point, "held_error_max");
+        p->margin_max = get_real(point, "margin_max");
+    }
+}
+
 static yyjson_doc *read_object(const char *text, size_t length, char *out_error, size_t error_size)
 {
     yyjson_read_err error;
@@ -366,13 +443,9 @@ bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *ar
     out->family = get_text(root, "family", arena);
     out->spec = get_text(root, "spec", arena);
     out->ideal_hits = get_uint(root, "ideal_hits");
-    yyjson_val *classes = yyjson_obj_get(root, "classes");
-    for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
-        out->class_counts[c] = get_uint(classes, gn_results_class_key((enum gn_ref_verdict_class)c));
-    yyjson_val *error = yyjson_obj_get(root, "hit_error");
-    out->hit_error_median = get_real(error, "median");
-    out->hit_error_p999 = get_real(error, "p999");
-    out->hit_error_max = get_real(error, "max");
+    get_classes(root, out->class_counts);
+    get_hit_error(root, &out->hit_error_median, &out->hit_error_p999, &out->hit_error_max);
+    curve_decode(root, arena, &out->curve);
     out->margin_max = get_real(root, "margin_max");
     out->expected = get_text(root, "expected", arena);
     out->expected_reason = get_text(root, "expected_reason", arena);

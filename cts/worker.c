@@ -52,6 +52,7 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
         .hit_error_p999 = r->hit_error_p999,
         .hit_error_max = r->hit_error_max,
         .margin_max = r->margin_max,
+        .curve = r->curve,
         .message = r->message,
         .has_offender = r->has_offender,
         .offender = r->offender,
