@@ -107,7 +107,8 @@ bool gn_ref_judge_vertices(const struct gn_ref_judge *judge, uint32_t instance, 
 /* One triangle as one ray sees it, in the object space of the instance, relative to the ray's origin. */
 struct view {
     double corner[3][3]; /* relative to the origin */
-    double size[3][3];
+    double vertex_size[3][3]; /* of the vertex alone */
+    double size[3][3]; /* of the corner: the vertex, less the origin, sheared along the ray */
     double edge[3]; /* U, V, W: edge[i] is the weight of corner i, and belongs to the opposite edge */
     double edge_change[3]; /* first-order change per unit */
     double det, det_change;
@@ -117,15 +118,28 @@ struct view {
     double t_change; /* first-order change of t per unit */
 };
 
+static int dominant_axis(const double direction[3])
+{
+    int k = 0;
+    for (int i = 1; i < 3; i++)
+        if (fabs(direction[i]) > fabs(direction[k]))
+            k = i;
+    return k;
+}
+
 static void view_make(const struct gn_ref_object_ray *ray, double vertices[3][3], double sizes[3][3],
                       struct view *view)
 {
     double side[3][3], products[3][3];
-    for (int c = 0; c < 3; c++)
+    int k = dominant_axis(ray->direction);
+    for (int c = 0; c < 3; c++) {
+        double depth = fabs((vertices[c][k] - ray->origin[k]) / ray->direction[k]);
         for (int i = 0; i < 3; i++) {
             view->corner[c][i] = vertices[c][i] - ray->origin[i];
-            view->size[c][i] = sizes[c][i];
+            view->vertex_size[c][i] = sizes[c][i];
+            view->size[c][i] = sizes[c][i] + fabs(view->corner[c][i]) + fabs(ray->direction[i]) * depth;
         }
+    }
     for (int c = 0; c < 3; c++) {
         cross(view->corner[(c + 1) % 3], view->corner[(c + 2) % 3], products[c]);
         cross(view->corner[c], ray->direction, side[c]);
@@ -197,53 +211,39 @@ static bool view_of(struct gn_ref_judge *judge, const struct gn_ref_ray *ray, ui
  * The hit error: the residual of o + t d = aA + bB + cC per size. a is not reported, so the rounding of b and c
  * moves it, hence its size is |a|+|b|+|c|.
  *
- * The conditioning: a watertight test rounds the products of its sheared coordinates, and divides by det. What
- * that moves the reported numbers by is added to the sizes; it exceeds them for grazing rays and slivers only.
- * Per unit, it moves the three weights by out_rounding.
+ * The conditioning: a watertight test takes the weights from the products of its sheared coordinates x, y, whose
+ * rounding is divided by det. That moves the hit sideways, by at most the corners' own distance from the ray; it exceeds
+ * the sizes for grazing rays and slivers only. out_conditioned is what is to be held against the bound.
  */
 static void hit_error_of(const struct gn_ref_object_ray *ray, const struct view *view, double t, double b,
-                         double c, double *out_error, double *out_conditioned, double out_rounding[3])
+                         double c, double *out_error, double *out_conditioned)
 {
-    double a = 1 - b - c;
-    int k = 0;
-    for (int i = 1; i < 3; i++)
-        if (fabs(ray->direction[i]) > fabs(ray->direction[k]))
-            k = i;
-    int kx = (k + 1) % 3, ky = (k + 2) % 3;
-    double x[3], y[3], rounding[3], rounding_t = 0, det = 0;
+    double a = 1 - b - c, weights[3] = {fabs(a) + fabs(b) + fabs(c), fabs(b), fabs(c)};
+    int k = dominant_axis(ray->direction), kx = (k + 1) % 3, ky = (k + 2) % 3;
+    double x[3], y[3], sideways[3] = {0}, det = fabs(view->det / ray->direction[k]);
     for (int corner = 0; corner < 3; corner++) {
         double depth = view->corner[corner][k] / ray->direction[k];
         x[corner] = view->corner[corner][kx] - ray->direction[kx] * depth;
         y[corner] = view->corner[corner][ky] - ray->direction[ky] * depth;
     }
-    det = fabs(view->det / ray->direction[k]);
-    double sum = 0;
     for (int corner = 0; corner < 3; corner++) {
         int n = (corner + 1) % 3, p = (corner + 2) % 3;
-        rounding[corner] = (fabs(x[n] * y[p]) + fabs(y[n] * x[p])) / det;
-        sum += rounding[corner];
-        rounding_t += rounding[corner] * fabs(view->corner[corner][k] / ray->direction[k]);
+        double products = fabs(x[n] * y[p]) + fabs(y[n] * x[p]), most = 1 / (bound * GN_UNIT);
+        double moved = products < most * det ? products / det : most;
+        sideways[kx] += moved * fabs(x[corner]);
+        sideways[ky] += moved * fabs(y[corner]);
     }
-    rounding_t += fabs(t) * sum;
     double error = 0, conditioned = 0;
-    out_rounding[0] = rounding[0] + fabs(a) * sum;
-    out_rounding[1] = rounding[1] + fabs(b) * sum;
-    out_rounding[2] = rounding[2] + fabs(c) * sum;
     for (int i = 0; i < 3; i++) {
         double residual =
             t * ray->direction[i] - a * view->corner[0][i] - b * view->corner[1][i] - c * view->corner[2][i];
-        double size = ray->size_origin[i] + fabs(t) * ray->size_direction[i] +
-                      (fabs(a) + fabs(b) + fabs(c)) * view->size[0][i] + fabs(b) * view->size[1][i] +
-                      fabs(c) * view->size[2][i];
-        double more = fabs(view->corner[1][i] - view->corner[0][i]) * out_rounding[1] +
-                      fabs(view->corner[2][i] - view->corner[0][i]) * out_rounding[2] +
-                      fabs(ray->direction[i]) * rounding_t;
-        double own = fabs(residual) / (GN_UNIT * size);
-        double all = fabs(residual) / (GN_UNIT * (size + more));
-        if (!(own <= error))
-            error = own;
-        if (!(all <= conditioned))
-            conditioned = all;
+        double size = ray->size_origin[i] + fabs(t) * ray->size_direction[i], all = size + sideways[i];
+        for (int corner = 0; corner < 3; corner++) {
+            size += weights[corner] * view->vertex_size[corner][i];
+            all += weights[corner] * view->size[corner][i];
+        }
+        error = fmax(error, fabs(residual) / (GN_UNIT * size));
+        conditioned = fmax(conditioned, fabs(residual) / (GN_UNIT * all));
     }
     *out_error = error;
     *out_conditioned = conditioned;
@@ -752,25 +752,8 @@ static bool judge_triangle(struct gn_ref_judge *judge, const struct gn_ref_ray *
             reason_set(out, "reports t = %.9g outside of the range [%.9g, %.9g]", t, (double)ray->tmin,
                        (double)ray->tmax);
 
-    double conditioned, rounding[3], allowed[3];
-    hit_error_of(&object, &view, t, b, c, &out->hit_error, &conditioned, rounding);
-    if (view_det_margin(&view) <= bound) {
-        /* As good as edge-on: no conditioning helps, the point itself has to lie on the ray and in the triangle. */
-        double size = 0, normal = sqrt(dot(view.normal, view.normal));
-        conditioned = out->hit_error;
-        for (int i = 0; i < 3; i++)
-            size += object.size_origin[i] + fabs(t) * object.size_direction[i] + view.size[0][i] + view.size[1][i] +
-                    view.size[2][i];
-        for (int corner = 0; corner < 3; corner++) {
-            double side[3];
-            for (int i = 0; i < 3; i++)
-                side[i] = view.corner[(corner + 2) % 3][i] - view.corner[(corner + 1) % 3][i];
-            allowed[corner] = bound * GN_UNIT * (1 + size * sqrt(dot(side, side)) / normal);
-        }
-    } else {
-        for (int corner = 0; corner < 3; corner++)
-            allowed[corner] = bound * (view.edge_change[corner] / fabs(view.det) + GN_UNIT * (1 + rounding[corner]));
-    }
+    double conditioned;
+    hit_error_of(&object, &view, t, b, c, &out->hit_error, &conditioned);
     out->hit_bound = conditioned > 0 ? bound * (out->hit_error / conditioned) : bound;
     if (!(conditioned <= bound) && worsens(out, GN_REF_WRONG, 0))
         reason_set(out,
@@ -779,13 +762,13 @@ static bool judge_triangle(struct gn_ref_judge *judge, const struct gn_ref_ray *
                    t, b, c, answer->primitive, ideal ? ideal->t : view.t, ideal ? ideal->beta : view.weight[1],
                    ideal ? ideal->gamma : view.weight[2], out->hit_error, out->hit_bound);
 
-    /* A barycentric outside of [0,1] is a point outside of the triangle. */
+    /* A barycentric outside of [0,1] is a point outside of the triangle, whatever the conditioning. */
     double weights[3] = {1 - b - c, b, c};
     for (int corner = 0; corner < 3; corner++) {
-        double excess = fmax(-weights[corner], weights[corner] - 1);
-        if (excess > allowed[corner] && worsens(out, GN_REF_WRONG, 0))
-            reason_set(out, "reports a barycentric of %.9g on triangle %u, outside of [0, 1] by more than %.3g",
-                       weights[corner], answer->primitive, allowed[corner]);
+        double excess = fmax(-weights[corner], weights[corner] - 1) / GN_UNIT;
+        if (excess > bound && worsens(out, GN_REF_WRONG, 0))
+            reason_set(out, "reports a barycentric of %.9g on triangle %u, outside of [0, 1] by %.3g units (the bound is %g)",
+                       weights[corner], answer->primitive, excess, bound);
     }
     return true;
 }
