@@ -18,9 +18,16 @@
 
 #define MOST_RUNS 15
 /* A time shorter than this says little: the rays are traced again until it is reached. */
-#define LEAST_SECONDS 0.02
+static double least_seconds(const struct gn_accuracy_options *options)
+{
+    return options->quick ? 0.002 : 0.02;
+}
+
 /* What a run of the exact tier may take, about. */
-#define EXACT_SECONDS 0.25
+static double exact_seconds(const struct gn_accuracy_options *options)
+{
+    return options->quick ? 0.004 : 0.25;
+}
 
 const char *gn_accuracy_mode_name(enum gn_accuracy_mode mode)
 {
@@ -100,7 +107,7 @@ static uint32_t count_exact(struct measurement *m)
     uint32_t most = m->accuracy->options.exact_rays < m->ray_count ? m->accuracy->options.exact_rays : m->ray_count;
     uint32_t count = most < 16 ? most : 16;
     double seconds = trace(m, GN_REF_TIER_EXACT, GN_ACCURACY_SINGLE, count);
-    double fits = seconds > 0 ? count * EXACT_SECONDS / seconds : most;
+    double fits = seconds > 0 ? count * exact_seconds(&m->accuracy->options) / seconds : most;
     return fits >= most ? most : fits > 16 ? (uint32_t)fits : count;
 }
 
@@ -124,7 +131,7 @@ static void take_time(struct measurement *m, enum gn_ref_tier tier, enum gn_accu
     do {
         seconds += trace(m, tier, mode, count);
         times++;
-    } while (seconds < LEAST_SECONDS && times < 1000);
+    } while (seconds < least_seconds(&m->accuracy->options) && times < 1000);
     m->seconds[run][tier][mode] = fmax(seconds, 1e-9) / ((double)times * count);
 }
 

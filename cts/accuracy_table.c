@@ -31,16 +31,15 @@ static const char *short_number(double value, char out[32])
     return out;
 }
 
-/* Of one tier and kind, both modes. */
-static double wrong_per_million(const struct gn_accuracy *accuracy, uint32_t scene, enum gn_ref_tier tier,
-                                enum gn_aim aim)
+/* Of one tier, both modes, and one kind or (GN_AIM_COUNT) all. */
+static double per_million(const struct gn_accuracy *accuracy, uint32_t scene, int tier, int aim, bool lost)
 {
     uint64_t rays = 0, wrong = 0;
     for (size_t i = 0; i < accuracy->row_count; i++) {
         const struct gn_accuracy_row *row = &accuracy->rows[i];
-        if (row->scene == scene && row->tier == tier && row->aim == aim) {
+        if (row->scene == scene && (int)row->tier == tier && ((int)row->aim == aim || aim == GN_AIM_COUNT)) {
             rays += row->rays;
-            wrong += gn_accuracy_row_wrong(row);
+            wrong += lost ? row->lost : gn_accuracy_row_wrong(row);
         }
     }
     return rays ? 1e6 * (double)wrong / (double)rays : 0;
@@ -54,10 +53,10 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
         gn_accuracy_points(accuracy, scene, (enum gn_accuracy_mode)mode, points[mode]);
     fprintf(file, "\n%s: %s; %s triangles\n", what->name, what->about, gn_format_grouped(what->triangles, number[0]));
-    fprintf(file, "%-9s %13s %13s   %-26s  %-14s %7s %6s\n", "", "single rays", "batches", "wrong per million, aimed at",
-            "t error, ulp", "", "bytes");
-    fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s  %6s %6s  %7s %6s\n", "tier", "Mray/s", "x rob.", "Mray/s",
-            "x rob.", "inside", "edge", "vertex", "random", "median", "max", "build s", "/tri.");
+    fprintf(file, "%-9s %13s %13s   %-34s  %6s  %7s %6s\n", "", "single rays", "batches",
+            "wrong per million, aimed at", "t max", "build", "bytes/");
+    fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s %6s  %6s  %7s %6s\n", "tier", "Mray/s", "x rob.", "Mray/s",
+            "x rob.", "inside", "edge", "vertex", "random", "lost", "ulp", "seconds", "tri.");
     for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
         const struct gn_accuracy_row *row = NULL;
         for (size_t i = 0; i < accuracy->row_count && !row; i++)
@@ -71,10 +70,8 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
                     short_number(1 / points[mode][t].time, number[1]));
         fputs("  ", file);
         for (int aim = 0; aim < GN_AIM_COUNT; aim++)
-            fprintf(file, " %6s",
-                    short_number(wrong_per_million(accuracy, scene, (enum gn_ref_tier)t, (enum gn_aim)aim), number[0]));
-        fprintf(file, "  %6s %6s  %7.2f %6s\n",
-                short_number(fmax(points[0][t].t_error_median, points[1][t].t_error_median), number[0]),
+            fprintf(file, " %6s", short_number(per_million(accuracy, scene, t, aim, false), number[0]));
+        fprintf(file, " %6s  %6s  %7.2f %6s\n", short_number(per_million(accuracy, scene, t, GN_AIM_COUNT, true), number[0]),
                 short_number(fmax(points[0][t].t_error_max, points[1][t].t_error_max), number[1]), row->build_seconds,
                 short_number((double)row->bytes / (double)what->triangles, number[2]));
     }

@@ -18,6 +18,7 @@ static const struct {
     {"run", gn_command_run, "gnomon run", "run the conformance suite on a driver and write reports"},
     {"replay", gn_command_replay, "gnomon replay",
      "re-run a failing ray or case and explain it step by step"},
+    {"accuracy", gn_command_accuracy, "gnomon accuracy", "measure what accuracy costs in time: table and plot"},
     {"worker", gn_worker_main, "gnomon worker", NULL},
 };
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])
