@@ -6,6 +6,7 @@
 
 #include "cts/describe.h"
 #include "cts/progress.h"
+#include "cts/report_html_curves.h"
 #include "cts/report_html_parts.h"
 #include "cts/results.h"
 
@@ -376,6 +377,7 @@ static void put_case(FILE *file, const struct gn_results *results, const struct 
         }
         fputs(".</p>\n", file);
     }
+    gn_html_curve(file, &cs->curve);
     if (cs->has_offender)
         put_offender(file, &cs->offender, cs->message);
     if (cs->output[0]) {
@@ -589,6 +591,7 @@ bool gn_results_html_write(const struct gn_results *results, const char *out, co
     put_families(file, results);
     put_meaning(file);
     put_failures(file, results, out);
+    gn_html_curves(file, results);
     put_skips(file, results);
     put_slowest(file, results);
     put_all(file, results);

@@ -41,6 +41,10 @@ void gn_stability_mesh(const struct gn_sweep_request *request, const struct gn_m
             turn -= shares[kind++];
         aimed.aim = (enum gn_aim)kind;
         gn_rays_aimed_with(request->random, mesh, &aimed, &out->rays[i], 1);
+        /* So far away that origin and target are one and the same. */
+        float *direction = out->rays[i].ray.direction;
+        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+            direction[2] = gn_random_below(request->random, 2) ? 4 : -4;
     }
 }
 

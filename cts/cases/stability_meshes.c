@@ -139,14 +139,33 @@ const struct gn_sweep gn_stability_cells = {
     "triangles", "", GN_SWEEP_VALUES(2, 8, 32, 128, 512, 2048, 8192, 32768, 131072), 131072,
     "the number of triangles has no part in the derivation", 1000, cells, NULL};
 
+/* A coarse and a fine mesh that meet along y = 0: every second ray at the seam, where it may pass. */
 static void t_junctions(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
 {
     struct gn_mesh mesh = gn_mesh_t_junctions(request->arena, request->random, (uint32_t)request->value, 0.05, true);
     struct gn_aim_options options = {0};
-    gn_stability_mesh(request, &mesh, &options, (struct gn_stability_aims){.interior = 1, .edge = 2, .vertex = 1}, out);
+    gn_stability_mesh(request, &mesh, &options, (struct gn_stability_aims){.interior = 1, .edge = 1}, out);
+    for (uint32_t i = 0; i < out->ray_count; i += 2) {
+        double target[3], other[3];
+        uint32_t corner[2];
+        do {
+            const uint32_t *t = mesh.triangles[gn_random_below(request->random, mesh.triangle_count)];
+            uint32_t k = gn_random_below(request->random, 3);
+            corner[0] = t[k];
+            corner[1] = t[(k + 1) % 3];
+        } while (mesh.positions[corner[0]][1] != 0 || mesh.positions[corner[1]][1] != 0);
+        double weight = gn_random_unit(request->random);
+        for (int k = 0; k < 3; k++)
+            target[k] = mesh.positions[corner[0]][k] +
+                        weight * (mesh.positions[corner[1]][k] - mesh.positions[corner[0]][k]);
+        const double direction[3] = {gn_random_range(request->random, -2, 2), gn_random_range(request->random, -2, 2), -4};
+        for (int k = 0; k < 3; k++)
+            other[k] = target[k] - direction[k];
+        out->rays[i] = gn_ray_make(other, direction, 40);
+    }
 }
 const struct gn_sweep gn_stability_t_junctions = {
-    "cells along the seam", "", GN_SWEEP_VALUES(2, 4, 8, 16, 32, 64), 64,
+    "cells along the seam", "", GN_SWEEP_VALUES(2, 4, 8, 16, 32, 64, 128), 128,
     "the number of triangles has no part in the derivation", 1000, t_junctions, NULL};
 
 static void coincident(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
@@ -180,8 +199,8 @@ static void coplanar(const struct gn_sweep_request *request, struct gn_sweep_sce
     gn_stability_mesh(request, &mesh, &options, (struct gn_stability_aims){.interior = 1}, out);
 }
 const struct gn_sweep gn_stability_coplanar = {
-    "overlapping triangles of one plane", "", GN_SWEEP_VALUES(1, 2, 4, 8, 16, 32, 64, 128, 256, 512), 512,
-    "triangles of one plane are equally near: any that is met is right, however many there are", 500, coplanar, NULL};
+    "overlapping triangles of one plane", "", GN_SWEEP_VALUES(1, 2, 4, 8, 16, 32, 64, 128, 256), 256,
+    "triangles of one plane are equally near: any that is met is right, however many there are", 200, coplanar, NULL};
 
 static void layers(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
 {

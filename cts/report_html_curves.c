@@ -1,0 +1,269 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The curves of sweeps: over the values of the parameter, how near the answers come to the bound (above) and what
+ * they are (below). All curves share one vertical scale, so that they can be compared.
+ */
+#include "cts/report_html_curves.h"
+
+#include <math.h>
+#include <string.h>
+
+#include "cts/describe.h"
+#include "cts/report_html_parts.h"
+
+enum { WIDTH = 540, LEFT = 44, RIGHT = 526, TOP = 10, BOTTOM = 150, BAR_TOP = 176, BAR_BOTTOM = 200, HEIGHT = 204 };
+
+/* The vertical scale, in units of 2^-24. */
+static const double least = 0.01, most = 1000;
+
+static double at_y(double units)
+{
+    double clamped = units > least ? (units < most ? units : most) : least;
+    return BOTTOM - (BOTTOM - TOP) * log(clamped / least) / log(most / least);
+}
+
+/* Logarithmic where the values allow it, else one after the other. They run from the easiest to the hardest. */
+static double at_x(const struct gn_case_curve *curve, uint32_t i)
+{
+    double first = curve->points[0].value, last = curve->points[curve->count - 1].value, part;
+    double whole = first > 0 && last > 0 ? log(last / first) : NAN;
+    part = curve->points[i].value > 0 ? log(curve->points[i].value / first) / whole : NAN;
+    if (!(part >= 0 && part <= 1))
+        part = curve->count > 1 ? (double)i / (curve->count - 1) : 0.5;
+    return LEFT + 12 + (RIGHT - LEFT - 24) * part;
+}
+
+/* Large and small powers of two are written as such. */
+static const char *value_text(double value, char *buffer, size_t size)
+{
+    int exponent;
+    if (isfinite(value) && frexp(value, &exponent) == 0.5 && (exponent > 11 || exponent < -5))
+        snprintf(buffer, size, "2^%d", exponent - 1);
+    else
+        snprintf(buffer, size, "%.4g", value);
+    return buffer;
+}
+
+/* How many points are judged; they come first. */
+static uint32_t judged_count(const struct gn_case_curve *curve)
+{
+    uint32_t count = 0;
+    while (count < curve->count && curve->points[count].judged)
+        count++;
+    return count;
+}
+
+static void put_axes(FILE *file, const struct gn_case_curve *curve)
+{
+    double bound = gn_ref_verdict_bound();
+    uint32_t judged = judged_count(curve);
+    if (judged) {
+        double end = judged == curve->count ? RIGHT : (at_x(curve, judged - 1) + at_x(curve, judged)) / 2;
+        fprintf(file, "<rect x=%d y=%d width=%.1f height=%d fill=\"#009E73\" fill-opacity=.13 />", LEFT, TOP, end - LEFT,
+                BAR_BOTTOM - TOP);
+    }
+    for (double units = least; units <= most * 1.001; units *= 10)
+        fprintf(file,
+                "<line x1=%d x2=%d y1=%.1f y2=%.1f stroke=\"#808080\" stroke-opacity=.25 /><text x=%d y=%.1f "
+                "text-anchor=end>%g</text>",
+                LEFT, RIGHT, at_y(units), at_y(units), LEFT - 4, at_y(units) + 4, units);
+    fprintf(file, "<line x1=%d x2=%d y1=%.1f y2=%.1f stroke=\"#D55E00\" stroke-width=2><title>the bound, %g</title></line>",
+            LEFT, RIGHT, at_y(bound), at_y(bound), bound);
+    double written = -1000;
+    for (uint32_t i = 0; i < curve->count; i++) {
+        char text[32];
+        double x = at_x(curve, i);
+        fprintf(file, "<line x1=%.1f x2=%.1f y1=%d y2=%d stroke=\"#808080\" />", x, x, BOTTOM, BOTTOM + 4);
+        if (x - written < 44)
+            continue;
+        written = x;
+        fprintf(file, "<text x=%.1f y=%d text-anchor=middle>", x, BOTTOM + 16);
+        gn_html_text(file, value_text(curve->points[i].value, text, sizeof text));
+        fputs("</text>", file);
+    }
+}
+
+enum quantity { HELD, MEDIAN, MARGIN };
+
+static double quantity_of(const struct gn_case_point *point, enum quantity quantity)
+{
+    return quantity == HELD ? point->held_error_max : quantity == MEDIAN ? point->hit_error_median : point->margin_max;
+}
+
+static void put_line(FILE *file, const struct gn_case_curve *curve, enum quantity quantity, const char *colour,
+                     const char *dash)
+{
+    bool any = false;
+    for (uint32_t i = 0; i < curve->count; i++)
+        any = any || quantity_of(&curve->points[i], quantity) > least;
+    if (!any)
+        return;
+    fprintf(file, "<polyline fill=none stroke=\"%s\" stroke-width=1.6 stroke-dasharray=\"%s\" points=\"", colour, dash);
+    for (uint32_t i = 0; i < curve->count; i++)
+        fprintf(file, "%.1f,%.1f ", at_x(curve, i), at_y(quantity_of(&curve->points[i], quantity)));
+    fputs("\"/>", file);
+    for (uint32_t i = 0; i < curve->count; i++) {
+        char text[32];
+        double units = quantity_of(&curve->points[i], quantity);
+        if (!(units > least))
+            continue;
+        fprintf(file, "<circle cx=%.1f cy=%.1f r=2.4 fill=\"%s\"><title>", at_x(curve, i), at_y(units), colour);
+        gn_html_text(file, value_text(curve->points[i].value, text, sizeof text));
+        fprintf(file, ": %.3g</title></circle>", units);
+    }
+}
+
+/* One stacked bar for each value. What is there at all is at least a sliver. */
+static void put_bars(FILE *file, const struct gn_case_curve *curve)
+{
+    double width = 22;
+    for (uint32_t i = 1; i < curve->count; i++)
+        width = fmin(width, fmax(3, 0.85 * (at_x(curve, i) - at_x(curve, i - 1))));
+    for (uint32_t i = 0; i < curve->count; i++) {
+        const struct gn_case_point *point = &curve->points[i];
+        double y = BAR_BOTTOM, height = BAR_BOTTOM - BAR_TOP, slivers = 0, large = 0, sizes[GN_REF_VERDICT_CLASS_COUNT];
+        char text[32];
+        if (!point->rays)
+            continue;
+        for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++) {
+            double part = (double)point->class_counts[c] / (double)point->rays * height;
+            sizes[c] = point->class_counts[c] && part < 3 ? 3 : 0;
+            slivers += sizes[c];
+            large += sizes[c] > 0 ? 0 : part;
+        }
+        for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++) {
+            if (!point->class_counts[c])
+                continue;
+            double part = (double)point->class_counts[c] / (double)point->rays * height;
+            double h = sizes[c] > 0 ? sizes[c] : part / large * fmax(0, height - slivers);
+            y -= h;
+            fprintf(file, "<rect x=%.1f y=%.1f width=%.1f height=%.1f fill=\"#%06X\"><title>", at_x(curve, i) - width / 2,
+                    y, width, h, gn_picture_colour((uint8_t)c));
+            gn_html_text(file, value_text(point->value, text, sizeof text));
+            fprintf(file, ": %llu of %llu rays %s</title></rect>", (unsigned long long)point->class_counts[c],
+                    (unsigned long long)point->rays, gn_ref_verdict_class_name((enum gn_ref_verdict_class)c));
+        }
+    }
+}
+
+static void put_value(FILE *file, const struct gn_case_curve *curve, double value)
+{
+    char text[32];
+    gn_html_text(file, value_text(value, text, sizeof text));
+    if (curve->unit[0]) {
+        fputs(" ", file);
+        gn_html_text(file, curve->unit);
+    }
+}
+
+/* In words, for those who do not read curves. */
+static void put_caption(FILE *file, const struct gn_case_curve *curve)
+{
+    const struct gn_case_point *left = gn_case_curve_left(curve);
+    uint32_t judged = judged_count(curve);
+    char number[2][32];
+    fputs("<figcaption style=\"max-width:540px\">", file);
+    gn_html_text(file, curve->parameter);
+    if (left) {
+        uint64_t wrong = left->class_counts[GN_REF_WRONG];
+        uint64_t leaks = left->class_counts[GN_REF_LEAK] + left->class_counts[GN_REF_DOUBLE_HIT];
+        fprintf(file, ": <b%s>answers leave the bound first at ", left->judged ? " style=\"color:var(--bad)\"" : "");
+        put_value(file, curve, left->value);
+        fputs("</b>, ", file);
+        if (wrong)
+            fprintf(file, "%s of %s rays wrong", gn_format_grouped(wrong, number[0]),
+                    gn_format_grouped(left->rays, number[1]));
+        if (leaks)
+            fprintf(file, "%s%s of %s rays leaked", wrong ? " and " : "", gn_format_grouped(leaks, number[0]),
+                    gn_format_grouped(left->rays, number[1]));
+        fputs(left->judged ? "." : ", beyond what is judged.", file);
+    } else {
+        fputs(": no answer leaves the bound up to ", file);
+        put_value(file, curve, curve->points[curve->count - 1].value);
+        fputs(".", file);
+    }
+    fputs("<br><span class=soft>", file);
+    if (!judged) {
+        fputs("Nothing is judged: ", file);
+    } else {
+        fputs("Judged from ", file);
+        put_value(file, curve, curve->points[0].value);
+        fputs(" to ", file);
+        put_value(file, curve, curve->points[judged - 1].value);
+        fputs(": ", file);
+    }
+    gn_html_text(file, curve->why);
+    fputs(".</span></figcaption>", file);
+}
+
+void gn_html_curve(FILE *file, const struct gn_case_curve *curve)
+{
+    if (!curve->count)
+        return;
+    const struct gn_case_point *left = gn_case_curve_left(curve);
+    fprintf(file,
+            "<figure><svg viewBox=\"0 0 %d %d\" width=%d height=%d style=\"max-width:100%%;height:auto\" role=img "
+            "font-size=11 fill=\"currentColor\" aria-label=\"",
+            WIDTH, HEIGHT, WIDTH, HEIGHT);
+    gn_html_text(file, curve->parameter);
+    fputs("\">", file);
+    put_axes(file, curve);
+    if (left) {
+        double x = at_x(curve, (uint32_t)(left - curve->points));
+        fprintf(file, "<line x1=%.1f x2=%.1f y1=%d y2=%d stroke=\"#D00000\" stroke-width=1.5 stroke-dasharray=\"2 3\"/>", x,
+                x, TOP, BAR_BOTTOM);
+        fprintf(file, "<text x=%.1f y=%d fill=\"#D00000\" text-anchor=%s>left</text>", x + (x > WIDTH / 2 ? -4 : 4), TOP + 9,
+                x > WIDTH / 2 ? "end" : "start");
+    }
+    put_line(file, curve, MEDIAN, "#56B4E9", "none");
+    put_line(file, curve, MARGIN, "#CC79A7", "5 3");
+    put_line(file, curve, HELD, "#0072B2", "none");
+    put_bars(file, curve);
+    fputs("</svg>", file);
+    put_caption(file, curve);
+    fputs("</figure>\n", file);
+}
+
+void gn_html_curves(FILE *file, const struct gn_results *results)
+{
+    size_t total = 0;
+    for (size_t i = 0; i < results->count; i++)
+        total += results->cases[i].curve.count > 0;
+    if (!total)
+        return;
+    fprintf(file,
+            "<h2>Stability (%zu)</h2>\n<p>Sweeps: a parameter grows from left to right, on a logarithmic scale. The status "
+            "of the case comes from the shaded range, which was stated beforehand; the values beyond inform only. The "
+            "upper part is in units of 2<sup>-24</sup>, cut off at %g and %g: below the orange line (%g) an answer is "
+            "within the bound. The bars are the verdicts on the rays of each value.</p>\n<p class=small>",
+            total, least, most, gn_ref_verdict_bound());
+    static const struct {
+        const char *colour, *words;
+    } keys[] = {{"#0072B2", "largest hit error, as it is held against the bound"},
+                {"#56B4E9", "median hit error"},
+                {"#CC79A7", "largest margin of a decision that is not the ideal one"},
+                {"#D55E00", "the bound"},
+                {"#D00000", "first value at which an answer leaves it"}};
+    for (size_t k = 0; k < sizeof keys / sizeof keys[0]; k++)
+        fprintf(file, "<span class=key><i style=\"background:%s\"></i>%s</span> ", keys[k].colour, keys[k].words);
+    fputs("<br>", file);
+    for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
+        fprintf(file, "<span class=key><i style=\"background:#%06X\"></i>%s</span> ", gn_picture_colour((uint8_t)c),
+                gn_ref_verdict_class_name((enum gn_ref_verdict_class)c));
+    fputs("</p>\n<div style=\"display:grid;grid-template-columns:repeat(auto-fit,minmax(min(100%,440px),1fr));"
+          "gap:14px 26px\">\n",
+          file);
+    for (size_t i = 0; i < results->count; i++) {
+        const struct gn_results_case *cs = &results->cases[i];
+        if (!cs->curve.count)
+            continue;
+        fprintf(file, "<div><h3 style=\"font-size:14px\">");
+        gn_html_text(file, cs->name);
+        fprintf(file, " <span class=\"badge %s\">%s</span></h3>",
+                cs->status == GN_CASE_PASS ? "ok" : cs->status == GN_CASE_SKIP ? "meh" : "no",
+                gn_case_status_name(cs->status));
+        gn_html_curve(file, &cs->curve);
+        fputs("</div>\n", file);
+    }
+    fputs("</div>\n", file);
+}
