@@ -103,16 +103,18 @@ struct gn_ref_tracer_cost gn_ref_tracer_cost(const struct gn_ref_tracer *tracer)
     return tracer->cost;
 }
 
+/* By the bits: a thread may take denormal numbers for zero, and this is done for every ray of the fastest tier too. */
 bool gn_ref_ray_valid(const struct gn_ref_ray *ray)
 {
-    bool moves = false;
-    for (int i = 0; i < 3; i++) {
-        if (!isfinite(ray->origin[i]) || !isfinite(ray->direction[i]))
-            return false;
-        /* Not `!= 0`, which a thread that takes denormal numbers for zero would deny. */
-        moves |= fpclassify(ray->direction[i]) != FP_ZERO;
-    }
-    return moves && ray->tmin >= 0 && ray->tmin <= ray->tmax;
+    uint32_t bits[6], moves = 0;
+    bool finite = true;
+    memcpy(bits, ray->origin, sizeof ray->origin);
+    memcpy(bits + 3, ray->direction, sizeof ray->direction);
+    for (int i = 0; i < 6; i++)
+        finite &= (bits[i] & 0x7F800000u) != 0x7F800000u;
+    for (int i = 3; i < 6; i++)
+        moves |= bits[i] << 1;
+    return finite && moves && ray->tmin >= 0 && ray->tmin <= ray->tmax;
 }
 
 bool gn_ref_admitted(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t instance_index,

@@ -525,6 +525,105 @@ static int64_t embree_all(const struct gn_ref_tracer *tracer, const struct gn_re
     return gn_ref_placed_write(&list, out_records, capacity);
 }
 
+/*
+ * Packets of 8 for batches. For incoherent rays Embree follows each by itself and only shares what surrounds that:
+ * measured on height fields of 8,192 and 131,072 triangles, 4 to 15 % faster than one call per ray; packets of 16 and
+ * the coherent mode are slower than that.
+ */
+enum { PACKET = 8 };
+
+/* Whether any needs the filter; lanes that are not valid get a harmless ray. */
+static bool packet_set(struct RTCRay8 *out, int valid[PACKET], const struct gn_ref_ray *rays, size_t count)
+{
+    static const struct gn_ref_ray harmless = {.direction = {1, 0, 0}};
+    bool filtered = false;
+    for (unsigned i = 0; i < PACKET; i++) {
+        valid[i] = i < count && gn_ref_ray_valid(&rays[i]) ? -1 : 0;
+        const struct gn_ref_ray *ray = valid[i] ? &rays[i] : &harmless;
+        out->org_x[i] = ray->origin[0];
+        out->org_y[i] = ray->origin[1];
+        out->org_z[i] = ray->origin[2];
+        out->dir_x[i] = ray->direction[0];
+        out->dir_y[i] = ray->direction[1];
+        out->dir_z[i] = ray->direction[2];
+        out->tnear[i] = above(ray->tmin);
+        out->tfar[i] = below(ray->tmax);
+        out->time[i] = 0;
+        out->mask[i] = ray->cull_mask & 0xFF;
+        out->id[i] = i;
+        out->flags[i] = 0;
+        filtered |= (ray->flags & FILTERED_FLAGS) != 0;
+    }
+    return filtered;
+}
+
+static void embree_closest_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays, size_t ray_count,
+                                 struct gn_ref_record *out_records)
+{
+    const struct embree *embree = tracer->state;
+    for (size_t first = 0; first < ray_count; first += PACKET) {
+        size_t count = ray_count - first < PACKET ? ray_count - first : PACKET;
+        if (embree->has_boxes) {
+            for (size_t i = first; i < first + count; i++)
+                gn_ref_tracer_closest(tracer, &rays[i], &out_records[i]);
+            continue;
+        }
+        struct query query;
+        struct RTCRayHit8 rayhit;
+        struct RTCIntersectArguments arguments;
+        int valid[PACKET] __attribute__((aligned(32)));
+        query_init(&query, tracer, &rays[first], NULL);
+        rtcInitIntersectArguments(&arguments);
+        arguments.context = &query.context;
+        if (packet_set(&rayhit.ray, valid, &rays[first], count)) {
+            arguments.filter = filter;
+            arguments.flags |= RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
+        }
+        for (int i = 0; i < PACKET; i++)
+            rayhit.hit.geomID[i] = rayhit.hit.instID[0][i] = RTC_INVALID_GEOMETRY_ID;
+        rtcIntersect8(valid, embree->root, &rayhit, &arguments);
+        for (size_t i = 0; i < count; i++) {
+            struct gn_ref_record *record = &out_records[first + i];
+            struct RTCHit hit = {
+                .Ng_x = rayhit.hit.Ng_x[i], .Ng_y = rayhit.hit.Ng_y[i], .Ng_z = rayhit.hit.Ng_z[i], .u = rayhit.hit.u[i],
+                .v = rayhit.hit.v[i], .primID = rayhit.hit.primID[i], .geomID = rayhit.hit.geomID[i],
+                .instID = {rayhit.hit.instID[0][i]},
+            };
+            *record = (struct gn_ref_record){.outcome = valid[i] ? GN_REF_MISS : GN_REF_INVALID_RAY};
+            if (valid[i])
+                hit_write(tracer, &rays[first + i], rayhit.ray.tfar[i], &hit, record);
+        }
+    }
+}
+
+static void embree_occluded_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays, size_t ray_count,
+                                  enum gn_ref_outcome *out_outcomes)
+{
+    const struct embree *embree = tracer->state;
+    for (size_t first = 0; first < ray_count; first += PACKET) {
+        size_t count = ray_count - first < PACKET ? ray_count - first : PACKET;
+        if (embree->has_boxes) {
+            for (size_t i = first; i < first + count; i++)
+                out_outcomes[i] = gn_ref_tracer_occluded(tracer, &rays[i]);
+            continue;
+        }
+        struct query query;
+        struct RTCRay8 packet;
+        struct RTCOccludedArguments arguments;
+        int valid[PACKET] __attribute__((aligned(32)));
+        query_init(&query, tracer, &rays[first], NULL);
+        rtcInitOccludedArguments(&arguments);
+        arguments.context = &query.context;
+        if (packet_set(&packet, valid, &rays[first], count)) {
+            arguments.filter = filter;
+            arguments.flags |= RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
+        }
+        rtcOccluded8(valid, embree->root, &packet, &arguments);
+        for (size_t i = 0; i < count; i++)
+            out_outcomes[first + i] = !valid[i] ? GN_REF_INVALID_RAY : packet.tfar[i] < 0 ? GN_REF_HIT : GN_REF_MISS;
+    }
+}
+
 const struct gn_ref_tier_functions gn_ref_tier_fast = {
     .name = "fast",
     .create = fast_create,
@@ -532,6 +631,8 @@ const struct gn_ref_tier_functions gn_ref_tier_fast = {
     .closest = embree_closest,
     .occluded = embree_occluded,
     .all = embree_all,
+    .closest_batch = embree_closest_batch,
+    .occluded_batch = embree_occluded_batch,
 };
 
 const struct gn_ref_tier_functions gn_ref_tier_robust = {
@@ -541,4 +642,6 @@ const struct gn_ref_tier_functions gn_ref_tier_robust = {
     .closest = embree_closest,
     .occluded = embree_occluded,
     .all = embree_all,
+    .closest_batch = embree_closest_batch,
+    .occluded_batch = embree_occluded_batch,
 };

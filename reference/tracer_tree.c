@@ -113,15 +113,15 @@ static bool primitive_bounds(const struct gn_ref_scene *scene, const struct gn_r
 static void bounds_extend(struct gn_ref_bounds *bounds, const struct gn_ref_bounds *other)
 {
     for (int i = 0; i < 3; i++) {
-        bounds->lower[i] = fminf(bounds->lower[i], other->lower[i]);
-        bounds->upper[i] = fmaxf(bounds->upper[i], other->upper[i]);
+        bounds->lower[i] = bounds->lower[i] < other->lower[i] ? bounds->lower[i] : other->lower[i];
+        bounds->upper[i] = bounds->upper[i] > other->upper[i] ? bounds->upper[i] : other->upper[i];
     }
 }
 
 /* For the heuristic alone: an infinite box is large, and its middle is somewhere. */
 static double clamped(float value)
 {
-    return fmax(-0x1p100, fmin(0x1p100, value));
+    return value > 0x1p100f ? 0x1p100 : value < -0x1p100f ? -0x1p100 : (double)value;
 }
 
 static double middle(const struct gn_ref_bounds *bounds, int axis)
@@ -157,8 +157,8 @@ static size_t split(struct build *build, size_t first, size_t last, int level)
         upper[axis] = -INFINITY;
         for (size_t i = first; i < last; i++) {
             double value = middle(&items[i].bounds, axis);
-            lower[axis] = fmin(lower[axis], value);
-            upper[axis] = fmax(upper[axis], value);
+            lower[axis] = value < lower[axis] ? value : lower[axis];
+            upper[axis] = value > upper[axis] ? value : upper[axis];
         }
         if (!(upper[axis] > lower[axis]))
             continue;
