@@ -58,11 +58,14 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
           "overflow-x:auto}td.zero{color:var(--good)}td.bad{color:var(--bad);font-weight:650}tr.first td{border-top:2px "
           "solid var(--line)}</style></head>\n<body><main>\n<h1>Gnomon, what accuracy costs in time</h1>\n",
           file);
-    fprintf(file, "<div class=\"verdict %s\">", choices[0] >= 0 && choices[1] >= 0 ? "ok" : "meh");
-    fprintf(file, "Within %g times the time of Embree&rsquo;s robust mode: ", options->budget);
+    bool right = true;
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
-        fprintf(file, "%s<b>%s</b> for %s", mode ? ", " : "",
-                choices[mode] < 0 ? "nothing" : gn_ref_tier_name((enum gn_ref_tier)choices[mode]),
+        right = right && choices[mode] >= 0 && !points[mode][choices[mode]].wrong;
+    fprintf(file, "<div class=\"verdict %s\">The most accurate within %g&times; the time of Embree&rsquo;s robust mode: ",
+            right ? "ok" : "meh", options->budget);
+    for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
+        fprintf(file, "%s%s%s&rdquo; for %s", mode ? ", " : "", choices[mode] < 0 ? "" : "tier &ldquo;",
+                choices[mode] < 0 ? "&ldquo;none" : gn_ref_tier_name((enum gn_ref_tier)choices[mode]),
                 mode ? "batches" : "single rays");
     fputs(".", file);
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++) {
@@ -83,9 +86,11 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
     put_tile(file, "", gn_format_grouped(accuracy->scene_count, number), "scenes");
     put_tile(file, "", gn_format_grouped(accuracy->judged, number), "rays, each traced by every tier but exact");
     for (int t = 0; t < GN_REF_TIER_EXACT; t++) {
-        char label[96];
+        char label[96], part[32];
         uint64_t wrong = points[0][t].wrong + points[1][t].wrong, rays = points[0][t].rays + points[1][t].rays;
-        snprintf(label, sizeof label, "wrong per million: %s", gn_ref_tier_name((enum gn_ref_tier)t));
+        uint64_t lost = points[0][t].lost + points[1][t].lost;
+        snprintf(label, sizeof label, "wrong per million: %s (hits lost: %s)", gn_ref_tier_name((enum gn_ref_tier)t),
+                 gn_accuracy_number(rays ? 1e6 * (double)lost / (double)rays : 0, part));
         put_tile(file, wrong ? "no" : "", gn_accuracy_number(rays ? 1e6 * (double)wrong / (double)rays : 0, number), label);
     }
     fputs("</div>\n", file);
@@ -104,7 +109,8 @@ static void put_explanation(FILE *file, const struct gn_accuracy *accuracy)
     fprintf(file,
             "</tbody></table>\n<p>A decision is <b>wrong</b> when a hit is missed, when there is a hit where exactly there is "
             "none, or when another triangle is named than one of the nearest; of triangles that are hit at exactly the same "
-            "distance any is right. It is judged against exact arithmetic. The <b>error of t</b> is how far the distance of a "
+            "distance any is right. It is judged against exact arithmetic. A neighbour beyond a shared edge named instead is the "
+            "mildest of these and the most common; a hit <b>lost</b> there is a hole in the surface. The <b>error of t</b> is how far the distance of a "
             "right hit is off, in units of the last place of a 32-bit float: rounding alone makes up to 0.5. What is below "
             "10<sup>-4</sup> is drawn as nothing: the judge itself is known to that.</p>\n<p>Rays are aimed at the "
             "<b>interior</b> of triangles, at <b>edges</b> and <b>vertices</b>, where triangles meet and rays like to be lost, "
@@ -169,7 +175,7 @@ static void put_scene(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
     gn_accuracy_plot(file, accuracy, scene, false);
     fputs("</div>\n<div class=wide><table><thead><tr><th>Rays<th>Tier<th class=n>Single<br>Mray/s<th class=n>&times; robust"
           "<th class=n>Batch<br>Mray/s<th class=n>&times; robust<th class=n>Wrong per million<br>single<th class=n><br>batch"
-          "<th class=n>t error, ulp<br>median<th class=n><br>largest</tr></thead><tbody>\n",
+          "<th class=n>Of it lost<br>batch<th class=n>t error, ulp<br>median<th class=n><br>largest</tr></thead><tbody>\n",
           file);
     for (int aim = 0; aim < GN_AIM_COUNT; aim++) {
         for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
@@ -183,6 +189,8 @@ static void put_scene(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
                     single->ratio_to_robust, gn_accuracy_number(batch->mrays_per_s, number[1]), batch->ratio_to_robust);
             put_wrong(file, single);
             put_wrong(file, batch);
+            fprintf(file, "<td class=n>%s",
+                    gn_accuracy_number(batch->rays ? 1e6 * (double)batch->lost / (double)batch->rays : 0, number[2]));
             fprintf(file, "<td class=n>%s<td class=n>%s</tr>\n", gn_accuracy_number(batch->t_error_median, number[2]),
                     gn_accuracy_number(fmax(single->t_error_max, batch->t_error_max), number[3]));
         }

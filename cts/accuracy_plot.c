@@ -12,9 +12,9 @@
 #include "cts/report_html_parts.h"
 
 #define WIDTH 1000
-#define PANEL_WIDTH 455
+#define PANEL_WIDTH 475
 #define PANEL_HEIGHT 300
-#define HEAD 84
+#define HEAD 104
 #define PLOT_LEFT 62 /* within a panel: the axis's numbers */
 #define PLOT_TOP 44
 #define PLOT_BOTTOM 46
@@ -110,10 +110,12 @@ static size_t collect(struct panel *panel, size_t capacity)
     bool front[GN_REF_TIER_COUNT];
     for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
         times[t] = points[t].time;
-        values[t] = panel->t_error ? clean_error(points[t].t_error_max) : points[t].wrong_per_million;
+        values[t] = !points[t].rays ? (double)NAN : panel->t_error ? clean_error(points[t].t_error_max) : points[t].wrong_per_million;
     }
     gn_accuracy_front(times, values, GN_REF_TIER_COUNT, front);
-    for (int t = 0; t < GN_REF_TIER_COUNT; t++)
+    for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
+        if (!points[t].rays)
+            continue;
         panel->marks[count++] = (struct mark){.tier = (enum gn_ref_tier)t,
                                               .time = times[t],
                                               .value = values[t],
@@ -122,6 +124,7 @@ static size_t collect(struct panel *panel, size_t capacity)
                                               .large = true,
                                               .on_front = front[t],
                                               .chosen = t == choice};
+    }
     return count;
 }
 
@@ -182,8 +185,8 @@ static void put_axes(FILE *file, const struct panel *panel)
         fprintf(file, "<rect class=\"within\" x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\"/>"
                       "<line class=\"budget\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\"/>"
                       "<text class=\"soft\" font-size=\"10.5\" x=\"%.1f\" y=\"%.1f\">budget %g&#215;</text>\n",
-                panel->left, panel->top, budget - panel->left, bottom - panel->top, budget, budget, panel->top - 2, bottom,
-                budget + 3, panel->top - 3, panel->accuracy->options.budget);
+                panel->left, panel->top, budget - panel->left, bottom - panel->top, budget, budget, panel->top, bottom,
+                budget + 4, panel->top + 12, panel->accuracy->options.budget);
     }
     double step = panel->value_high - panel->value_low > 7 ? 2 : 1;
     for (double e = panel->value_low; e <= panel->value_high + 1e-9; e += step) {
@@ -294,7 +297,9 @@ static void put_label(FILE *file, struct panel *panel, const struct mark *mark)
     double width = 7.0 * (double)strlen(name) + 2, height = 13;
     double right = panel->right + (panel->slow_column ? BREAK + SLOW_COLUMN : 0);
     struct box box = {0, 0, width, height};
-    for (size_t i = 0; i < sizeof places / sizeof places[0]; i++) {
+    /* In the row of zeros the small marks lie beside it. */
+    size_t first = mark->value > 0 ? 0 : 2;
+    for (size_t i = first; i < sizeof places / sizeof places[0]; i++) {
         double h = places[i][0], v = places[i][1];
         box.x = h > 0 ? mark->x + 11 : h < 0 ? mark->x - 11 - width : mark->x - width / 2;
         box.y = mark->y + v * 16 - height / 2;
@@ -389,10 +394,10 @@ static void put_panel(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
 void gn_accuracy_plot(FILE *file, const struct gn_accuracy *accuracy, uint32_t scene, bool alone)
 {
     bool all = scene == GN_ACCURACY_ALL_SCENES;
-    double head = alone ? HEAD : 30, height = head + 2 * PANEL_HEIGHT + 6;
+    double head = alone ? HEAD : 52, height = head + 2 * PANEL_HEIGHT + 6;
     fprintf(file, "<svg class=\"gp\" xmlns=\"http://www.w3.org/2000/svg\" width=\"%d\" height=\"%.0f\" viewBox=\"0 0 %d %.0f\" "
                   "role=\"img\" aria-label=\"time per ray against wrong decisions and against the error of t\"%s>\n",
-            WIDTH, height, WIDTH, height, alone ? "" : " style=\"max-width:100%;height:auto\"");
+            WIDTH, height, WIDTH, height, alone ? "" : " style=\"width:100%;height:auto\"");
     if (alone)
         fprintf(file, "<style>%s</style><rect class=\"bg\" width=\"%d\" height=\"%.0f\"/>\n", gn_accuracy_plot_style, WIDTH,
                 height);
@@ -406,7 +411,7 @@ void gn_accuracy_plot(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
         gn_html_text(file, accuracy->machine);
         fputs("</text>\n", file);
     }
-    double y = head - 20, x = 14;
+    double y = head - 40, x = 14;
     for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
         fprintf(file, "<g class=\"t%d\">", t);
         put_shape(file, (enum gn_ref_tier)t, x + 6, y, 6);
@@ -414,9 +419,9 @@ void gn_accuracy_plot(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
                 gn_ref_tier_name((enum gn_ref_tier)t));
         x += 32 + 7.0 * (double)strlen(gn_ref_tier_name((enum gn_ref_tier)t));
     }
-    fprintf(file, "<text class=\"soft\" x=\"%.1f\" y=\"%.1f\">small: one kind of rays%s &#183; large: all of them &#183; line: "
-                  "Pareto front &#183; ring: chosen &#183; whisker: down to the median</text>\n",
-            x + 10, y + 4, all ? " on one scene" : "");
+    fprintf(file, "<text class=\"soft\" x=\"14\" y=\"%.1f\">small mark: one kind of rays%s; large: all of them; ring: the choice for the "
+                  "budget; line: not beaten in both (Pareto front); thin line: down to the median</text>\n",
+            y + 24, all ? " on one scene" : "");
     for (int quantity = 0; quantity < 2; quantity++)
         for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
             put_panel(file, accuracy, scene, (enum gn_accuracy_mode)mode, quantity == 1,

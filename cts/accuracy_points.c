@@ -33,6 +33,7 @@ void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum
             log_speed += log(row->mrays_per_s);
             point->rays += row->rays;
             point->wrong += gn_accuracy_row_wrong(row);
+            point->lost += row->lost;
             if (row->hits) {
                 point->t_error_max = fmax(point->t_error_max, row->t_error_max);
                 if (medians)
@@ -123,15 +124,16 @@ const char *gn_accuracy_number(double value, char out[32])
 
 void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice, double budget, char *out, size_t size)
 {
-    char wrong[32], error[32], unseen[64] = "";
+    char wrong[32], error[32], number[32], unseen[64] = "";
     if (choice < 0) {
         snprintf(out, size, "no tier takes at most %g times robust's time", budget);
         return;
     }
     const struct gn_accuracy_point *point = &points[choice];
     if (!point->wrong)
-        snprintf(unseen, sizeof unseen, " (below %.2g at 95 %%)", gn_accuracy_unseen_per_million(point->rays));
-    snprintf(out, size, "%s: %.2f times robust's time, %s wrong per million%s, t within %s ulp",
-             gn_ref_tier_name(point->tier), point->time, gn_accuracy_number(point->wrong_per_million, wrong), unseen,
+        snprintf(unseen, sizeof unseen, " (< %.16s at 95 %%)",
+                 gn_accuracy_number(gn_accuracy_unseen_per_million(point->rays), number));
+    snprintf(out, size, "%s: %.*fx the time, %s wrong per million%s, t within %s ulp", gn_ref_tier_name(point->tier),
+             point->time < 10 ? 2 : 0, point->time, gn_accuracy_number(point->wrong_per_million, wrong), unseen,
              gn_accuracy_number(point->t_error_max, error));
 }

@@ -84,10 +84,10 @@ static const struct {
     void (*make)(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick);
 } scenes[] = {
     {"terrain", "a height field with shared vertices", make_terrain},
-    {"terrain-2m", "the same with two million triangles, more than the caches hold", make_terrain_large},
+    {"terrain-2m", "the same, larger than the caches hold", make_terrain_large},
     {"blob", "a closed mesh with shared vertices, seen from outside", make_blob},
-    {"slivers", "a height field squeezed a thousandfold along one axis: long, thin triangles", make_slivers},
-    {"instances", "a grid of instances: sheared, stretched up to 100:1, every second one mirrored", make_instances},
+    {"slivers", "a height field squeezed a thousandfold along one axis", make_slivers},
+    {"instances", "a grid of instances: sheared, stretched up to 100:1, mirrored", make_instances},
     {"far", "a height field 200 wide, 200,000 away from the origin", make_far},
     {"soup", "triangles that share nothing, in any orientation", make_soup},
 };

@@ -52,7 +52,7 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
     char number[8][32];
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
         gn_accuracy_points(accuracy, scene, (enum gn_accuracy_mode)mode, points[mode]);
-    fprintf(file, "\n%s: %s; %s triangles\n", what->name, what->about, gn_format_grouped(what->triangles, number[0]));
+    fprintf(file, "\n%.40s: %s; %s triangles\n", what->name, what->about, gn_format_grouped(what->triangles, number[0]));
     fprintf(file, "%-9s %13s %13s   %-34s  %6s  %7s %6s\n", "", "single rays", "batches",
             "wrong per million, aimed at", "t max", "build", "bytes/");
     fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s %6s  %6s  %7s %6s\n", "tier", "Mray/s", "x rob.", "Mray/s",

@@ -1,0 +1,227 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* `gnomon accuracy` as it is typed: what it writes, what it refuses. argv[1] is the program. */
+#include <stdarg.h>
+#include <stddef.h>
+#include <setjmp.h>
+#include <stdint.h>
+#include <cmocka.h>
+
+#include <fcntl.h>
+#include <libxml/parser.h>
+#include <math.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <sys/wait.h>
+#include <unistd.h>
+#include <yyjson.h>
+
+#include "cts/results.h"
+
+static const char *program;
+static char folder[] = "/tmp/gnomon-accuracy-XXXXXX";
+
+static int run(const char *const *arguments)
+{
+    const char *argv[32] = {program, "accuracy"};
+    for (size_t i = 0; arguments[i]; i++)
+        argv[i + 2] = arguments[i];
+    pid_t pid = fork();
+    assert_true(pid >= 0);
+    if (pid == 0) {
+        int out = open("out.txt", O_WRONLY | O_CREAT | O_TRUNC, 0666);
+        int err = open("err.txt", O_WRONLY | O_CREAT | O_TRUNC, 0666);
+        dup2(out, 1);
+        dup2(err, 2);
+        execv(program, (char *const *)(uintptr_t)argv);
+        _exit(127);
+    }
+    int status = 0;
+    assert_int_equal(waitpid(pid, &status, 0), pid);
+    return WIFEXITED(status) ? WEXITSTATUS(status) : 128 + WTERMSIG(status);
+}
+
+#define RUN(...) run((const char *const[]){__VA_ARGS__, NULL})
+
+static char *read_all(const char *path, size_t *out_length)
+{
+    char *data = NULL, error[256];
+    if (!gn_file_read(path, 1 << 24, &data, out_length, error, sizeof error))
+        fail_msg("%s", error);
+    return data;
+}
+
+static void expect_text(const char *path, const char *expected)
+{
+    size_t length;
+    char *text = read_all(path, &length);
+    if (!strstr(text, expected))
+        fail_msg("%s: expected '%s' in: %s", path, expected, text);
+    free(text);
+}
+
+static const struct {
+    const char *key;
+    bool text;
+} keys[] = {{"scene", true},        {"rays", true},
+            {"mode", true},         {"tier", true},
+            {"mrays_per_s", false}, {"ratio_to_robust", false},
+            {"wrong_per_million", false}, {"t_error_ulp_median", false},
+            {"t_error_ulp_max", false},   {"build_seconds", false},
+            {"bytes", false}};
+
+static void check_row(yyjson_val *row)
+{
+    assert_int_equal(yyjson_obj_size(row), sizeof keys / sizeof keys[0]);
+    for (size_t k = 0; k < sizeof keys / sizeof keys[0]; k++) {
+        yyjson_val *value = yyjson_obj_get(row, keys[k].key);
+        if (!value || (keys[k].text ? !yyjson_is_str(value) : !yyjson_is_num(value) && !yyjson_is_null(value)))
+            fail_msg("%s: expected %s", keys[k].key, keys[k].text ? "a string" : "a number");
+    }
+    const char *tier = yyjson_get_str(yyjson_obj_get(row, "tier"));
+    double wrong = yyjson_get_num(yyjson_obj_get(row, "wrong_per_million"));
+    assert_true(wrong >= 0 && wrong <= 1e6);
+    assert_true(yyjson_get_num(yyjson_obj_get(row, "mrays_per_s")) > 0);
+    assert_true(yyjson_get_num(yyjson_obj_get(row, "bytes")) > 0);
+    if (strcmp(tier, "robust") == 0)
+        assert_true(yyjson_get_num(yyjson_obj_get(row, "ratio_to_robust")) == 1);
+    if (strcmp(tier, "certified") == 0 || strcmp(tier, "exact") == 0) {
+        if (wrong != 0)
+            fail_msg("tier %s: %g wrong decisions per million", tier, wrong);
+        /* A t that is right to 2^-40 is right to a few 2^-17 of f32's last place. */
+        assert_true(yyjson_get_num(yyjson_obj_get(row, "t_error_ulp_max")) <= 0x1p-14);
+    }
+}
+
+static void a_quick_run_writes_what_it_says(void **state)
+{
+    (void)state;
+    static const char *const scenes[] = {"terrain", "terrain-2m", "blob", "slivers", "instances", "far", "soup"};
+    static const char *const aims[] = {"interior", "edge", "vertex", "random"};
+    static const char *const tiers[] = {"fast", "robust", "double", "certified", "exact"};
+    int status = RUN("--quick", "--rays", "500", "--runs", "1", "--out", "q", "--budget", "1000x");
+    if (status != 0) {
+        size_t length;
+        fail_msg("expected 0, found %d: %s", status, read_all("err.txt", &length));
+    }
+    size_t length = 0;
+    char *text = read_all("q/accuracy.json", &length);
+    yyjson_doc *doc = yyjson_read(text, length, 0);
+    assert_non_null(doc);
+    yyjson_val *list = yyjson_doc_get_root(doc);
+    assert_int_equal(yyjson_arr_size(list), 7 * 4 * 2 * 5);
+    double embree_wrong = 0;
+    for (size_t i = 0; i < yyjson_arr_size(list); i++) {
+        yyjson_val *row = yyjson_arr_get(list, i);
+        check_row(row);
+        assert_string_equal(yyjson_get_str(yyjson_obj_get(row, "scene")), scenes[i / 40]);
+        assert_string_equal(yyjson_get_str(yyjson_obj_get(row, "rays")), aims[i / 10 % 4]);
+        assert_string_equal(yyjson_get_str(yyjson_obj_get(row, "mode")), i / 5 % 2 ? "batch" : "single");
+        assert_string_equal(yyjson_get_str(yyjson_obj_get(row, "tier")), tiers[i % 5]);
+        if (i % 5 == 0)
+            embree_wrong += yyjson_get_num(yyjson_obj_get(row, "wrong_per_million"));
+    }
+    /* A judge that calls everything right is worthless: Embree's default mode loses rays at vertices. */
+    assert_true(embree_wrong > 0);
+    yyjson_doc_free(doc);
+    free(text);
+
+    text = read_all("q/accuracy.svg", &length);
+    xmlDocPtr svg = xmlReadMemory(text, (int)length, "accuracy.svg", NULL, XML_PARSE_NONET);
+    assert_non_null(svg);
+    xmlFreeDoc(svg);
+    free(text);
+    text = read_all("q/accuracy.png", &length);
+    assert_memory_equal(text, "\x89PNG", 4);
+    free(text);
+    text = read_all("q/accuracy.html", &length);
+    assert_non_null(strstr(text, "What is compared"));
+    /* Nothing is loaded from anywhere: the only address is the name space of SVG. */
+    for (char *at = text; (at = strstr(at, "://")); at += 3)
+        assert_memory_equal(at - 4, "http://www.w3.org/2000/svg", 26);
+    assert_null(strstr(text, "nan"));
+    free(text);
+    /* Everything is within this budget, so the choice is the tier that promises most. */
+    expect_text("out.txt", "ALL SCENES  single  exact: ");
+    text = read_all("out.txt", &length);
+    size_t column = 0;
+    for (size_t i = 0; i < length; i++) {
+        column = text[i] == '\n' ? 0 : column + 1;
+        if (column > 100)
+            fail_msg("a line longer than 100 columns: %.120s", text + i - 100);
+    }
+    free(text);
+}
+
+static void a_model_file_is_a_scene(void **state)
+{
+    (void)state;
+    FILE *file = fopen("dir tetra.obj", "w");
+    assert_non_null(file);
+    fputs("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", file);
+    fclose(file);
+    assert_int_equal(RUN("--quick", "--rays", "200", "--runs", "1", "--scene", "dir tetra.obj", "--scene", "soup", "--threads",
+                         "2", "--out", "m"),
+                     0);
+    expect_text("m/accuracy.json", "\"scene\": \"dir tetra.obj\"");
+    expect_text("m/accuracy.json", "\"scene\": \"soup\"");
+    expect_text("out.txt", "dir tetra.obj: a model file of 1 mesh and 1 instance; 4 triangles");
+}
+
+static void wrong_usage_is_refused(void **state)
+{
+    (void)state;
+    FILE *file = fopen("bad.obj", "w");
+    assert_non_null(file);
+    fputs("v 0 0 0\nf 1 2 3\n", file);
+    fclose(file);
+    const struct {
+        const char *arguments[6];
+        const char *expected;
+    } rows[] = {
+        {{"--scene", "teapot"}, "there is no scene 'teapot'; there are terrain"},
+        {{"--scene", "missing.ply"}, "missing.ply: No such file"},
+        {{"--quick", "--scene", "soup", "--scene", "bad.obj"}, "bad.obj: line 2: the face names vertex 2"},
+        {{"--budget", "fast"}, "--budget: expected a factor"},
+        {{"--rays", "0"}, "--rays: expected a whole number"},
+        {{"--runs", "4"}, "--runs: expected an odd number"},
+        {{"--driver", "lavapipe"}, "--driver is not in this version"},
+        {{"--layer"}, "--layer is not in this version"},
+        {{"terrain"}, "a scene is named by --scene"},
+        {{"--nonsense"}, "--nonsense"},
+        {{"--quick", "--scene", "soup", "--out", "bad.obj"}, "bad.obj"},
+    };
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        int status = run(rows[i].arguments);
+        if (status != 2)
+            fail_msg("row %zu: expected exit status 2, found %d", i, status);
+        expect_text("err.txt", rows[i].expected);
+    }
+}
+
+static int setup(void **state)
+{
+    (void)state;
+    return mkdtemp(folder) && chdir(folder) == 0 ? 0 : -1;
+}
+
+static int teardown(void **state)
+{
+    (void)state;
+    char command[300];
+    snprintf(command, sizeof command, "rm -rf -- '%s'", folder);
+    return chdir("/") == 0 ? system(command) : -1;
+}
+
+int main(int argc, char **argv)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(a_quick_run_writes_what_it_says),
+        cmocka_unit_test(a_model_file_is_a_scene),
+        cmocka_unit_test(wrong_usage_is_refused),
+    };
+    if (argc < 2)
+        return 2;
+    program = argv[1];
+    return cmocka_run_group_tests(tests, setup, teardown);
+}
