@@ -212,7 +212,7 @@ void gn_html_curve(FILE *file, const struct gn_case_curve *curve)
         double x = at_x(curve, (uint32_t)(left - curve->points));
         fprintf(file, "<line x1=%.1f x2=%.1f y1=%d y2=%d stroke=\"#D00000\" stroke-width=1.5 stroke-dasharray=\"2 3\"/>", x,
                 x, TOP, BAR_BOTTOM);
-        fprintf(file, "<text x=%.1f y=%d fill=\"#D00000\" text-anchor=%s>left</text>", x + (x > WIDTH / 2 ? -4 : 4), TOP + 9,
+        fprintf(file, "<text x=%.1f y=%d fill=\"#D00000\" text-anchor=%s>leaves</text>", x + (x > WIDTH / 2 ? -4 : 4), TOP + 9,
                 x > WIDTH / 2 ? "end" : "start");
     }
     put_line(file, curve, MEDIAN, "#56B4E9", "none");

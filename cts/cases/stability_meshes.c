@@ -131,12 +131,14 @@ const struct gn_sweep gn_stability_fan_spike = {
 static void cells(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
 {
     uint32_t n = (uint32_t)lround(sqrt(request->value / 2));
-    struct gn_mesh mesh = gn_mesh_height_field(request->arena, request->random, n, 0.2 / n);
+    struct gn_mesh mesh = request->value < 2
+                              ? gn_mesh_triangle(request->arena)
+                              : gn_mesh_height_field(request->arena, request->random, n, 0.2 / n);
     struct gn_aim_options options = {0};
     gn_stability_mesh(request, &mesh, &options, (struct gn_stability_aims){.interior = 1, .edge = 1}, out);
 }
 const struct gn_sweep gn_stability_cells = {
-    "triangles", "", GN_SWEEP_VALUES(2, 8, 32, 128, 512, 2048, 8192, 32768, 131072), 131072,
+    "triangles", "", GN_SWEEP_VALUES(1, 2, 8, 32, 128, 512, 2048, 8192, 32768, 131072), 131072,
     "the number of triangles has no part in the derivation", 1000, cells, NULL};
 
 /* A coarse and a fine mesh that meet along y = 0: every second ray at the seam, where it may pass. */
