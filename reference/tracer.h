@@ -38,7 +38,7 @@ extern "C" {
  * FAST: Embree as it comes, f32. ROBUST: Embree with RTC_SCENE_FLAG_ROBUST, f32. Vertices and transforms are what an
  * engineer would hand over: positions / divisor rounded to f32, the geometry transform applied to them in f32, one Embree
  * instance per instance (none where the scene is one untransformed instance), callbacks only where ray flags, or AABBs
- * in the scene, call for them. Embree ignores what lies beyond about 1.8e18. tmin = 0 stands for t >= 2^-120.
+ * in the scene, call for them. Embree ignores what lies beyond about 1.8e18. In ROBUST tmin = 0 stands for t >= 2^-120.
  *
  * DOUBLE: placed, traversed and decided in f64, watertight at shared vertices of one geometry, with bounds that lose no
  * candidate; signs are taken as they come out.

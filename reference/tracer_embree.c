@@ -2,10 +2,11 @@
 /*
  * The tiers FAST and ROBUST: Embree, used as an engineer would who wants its speed.
  *
- * Vulkan's open range of t for triangles is made of Embree's closed one by moving both ends by one f32, which asks
- * nothing of the traversal. Culling, opacity and skipping of triangles are a filter that is passed with the one query
- * that needs it; masks are Embree's. Boxes are user geometries; where they are traced, tmin and tmax have to stay
- * where they are, and the filter sees to the triangles' open range.
+ * Vulkan's open range of t for triangles is made by moving the ends that Embree takes as closed by one f32, which asks
+ * nothing of the traversal: tmax always, tmin in ROBUST (the default mode's test is strict there). Culling, opacity and
+ * skipping of triangles are a filter that is passed with the one query that needs it (the scene flag that allows it costs
+ * nothing that could be measured); masks are Embree's. Boxes are user geometries; where they are traced, tmin and tmax
+ * have to stay where they are, and the filter sees to the triangles' open range.
  */
 #include <embree4/rtcore.h>
 #include <math.h>
@@ -15,7 +16,7 @@
 
 #include "reference/tracer_internal.h"
 
-/* What tmin = 0 becomes: the next f32 is a denormal number, on which many processors are slow. */
+/* What tmin = 0 becomes in ROBUST: the next f32 is a denormal number, on which many processors are slow. */
 #define LEAST_T 0x1p-120f
 
 struct box_geometry {
@@ -32,6 +33,7 @@ struct embree {
     bool flat; /* root is the BLAS of lone_instance itself */
     uint32_t lone_instance;
     bool has_boxes;
+    bool robust;
     _Atomic int64_t bytes;
 };
 
@@ -266,17 +268,18 @@ out:
     return done;
 }
 
-static RTCScene scene_make(struct embree *embree, bool robust)
+static RTCScene scene_make(struct embree *embree)
 {
     RTCScene scene = rtcNewScene(embree->device);
-    if (scene && robust)
-        rtcSetSceneFlags(scene, RTC_SCENE_FLAG_ROBUST);
+    if (scene)
+        rtcSetSceneFlags(scene, RTC_SCENE_FLAG_FILTER_FUNCTION_IN_ARGUMENTS |
+                                    (embree->robust ? RTC_SCENE_FLAG_ROBUST : RTC_SCENE_FLAG_NONE));
     return scene;
 }
 
-static RTCScene blas_make(struct embree *embree, const struct gn_ref_blas *blas, bool robust, uint32_t mask)
+static RTCScene blas_make(struct embree *embree, const struct gn_ref_blas *blas, uint32_t mask)
 {
-    RTCScene scene = scene_make(embree, robust);
+    RTCScene scene = scene_make(embree);
     bool done = scene != NULL;
     for (uint32_t g = 0; done && g < blas->geometry_count; g++)
         done = geometry_attach(embree, scene, &blas->geometries[g], g, mask);
@@ -321,6 +324,7 @@ static bool embree_create(struct gn_ref_tracer *tracer, bool robust)
         for (uint32_t g = 0; g < scene->blases[b].geometry_count; g++)
             box_geometries += scene->blases[b].geometries[g].type == GN_REF_AABBS;
     embree->has_boxes = box_geometries > 0;
+    embree->robust = robust;
     embree->boxes = calloc(box_geometries ? box_geometries : 1, sizeof *embree->boxes);
     /* One more, a sentinel for embree_destroy(). */
     embree->blases = calloc((size_t)scene->blas_count + 1, sizeof *embree->blases);
@@ -346,11 +350,11 @@ static bool embree_create(struct gn_ref_tracer *tracer, bool robust)
     const struct gn_ref_instance *lone = live == 1 ? &scene->instances[embree->lone_instance] : NULL;
     embree->flat = lone && memcmp(lone->transform, identity, sizeof identity) == 0;
     if (embree->flat) {
-        embree->root = blas_make(embree, &scene->blases[lone->blas], robust, lone->mask);
+        embree->root = blas_make(embree, &scene->blases[lone->blas], lone->mask);
         done = embree->root != NULL;
         goto built;
     }
-    embree->root = scene_make(embree, robust);
+    embree->root = scene_make(embree);
     done = embree->root != NULL;
     for (uint32_t i = 0; done && i < scene->instance_count; i++) {
         const struct gn_ref_instance *instance = &scene->instances[i];
@@ -358,7 +362,7 @@ static bool embree_create(struct gn_ref_tracer *tracer, bool robust)
             continue;
         RTCScene *blas = &embree->blases[instance->blas];
         if (!*blas)
-            *blas = blas_make(embree, &scene->blases[instance->blas], robust, 0xFF);
+            *blas = blas_make(embree, &scene->blases[instance->blas], 0xFF);
         RTCGeometry made = *blas ? rtcNewGeometry(embree->device, RTC_GEOMETRY_TYPE_INSTANCE) : NULL;
         if (!made) {
             done = false;
@@ -408,18 +412,17 @@ static bool ray_traces_boxes(const struct embree *embree, const struct gn_ref_ra
     return embree->has_boxes && !(ray->flags & GN_REF_RAY_SKIP_AABBS);
 }
 
-/* Denormal f32 are passed by, which no t but of absurd scenes is. */
-static float above(float tmin)
+static float near_of(const struct embree *embree, float tmin)
 {
-    return tmin < LEAST_T ? LEAST_T : nextafterf(tmin, INFINITY);
+    return !embree->robust ? tmin : tmin < LEAST_T ? LEAST_T : nextafterf(tmin, INFINITY);
 }
 
-static float below(float tmax)
+static float far_of(float tmax)
 {
     return isinf(tmax) ? tmax : nextafterf(tmax, 0);
 }
 
-static void ray_set(struct RTCRay *out, const struct gn_ref_ray *ray, bool traces_boxes)
+static void ray_set(struct RTCRay *out, const struct embree *embree, const struct gn_ref_ray *ray, bool traces_boxes)
 {
     out->org_x = ray->origin[0];
     out->org_y = ray->origin[1];
@@ -427,8 +430,8 @@ static void ray_set(struct RTCRay *out, const struct gn_ref_ray *ray, bool trace
     out->dir_x = ray->direction[0];
     out->dir_y = ray->direction[1];
     out->dir_z = ray->direction[2];
-    out->tnear = traces_boxes ? ray->tmin : above(ray->tmin);
-    out->tfar = traces_boxes ? ray->tmax : below(ray->tmax);
+    out->tnear = traces_boxes ? ray->tmin : near_of(embree, ray->tmin);
+    out->tfar = traces_boxes ? ray->tmax : far_of(ray->tmax);
     out->time = 0;
     out->mask = ray->cull_mask & 0xFF;
     out->id = 0;
@@ -474,7 +477,7 @@ static enum gn_ref_outcome embree_closest(const struct gn_ref_tracer *tracer, co
     struct RTCRayHit rayhit;
     struct RTCIntersectArguments arguments;
     query_init(&query, tracer, ray, NULL);
-    ray_set(&rayhit.ray, ray, query.traces_boxes);
+    ray_set(&rayhit.ray, embree, ray, query.traces_boxes);
     rayhit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     rayhit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     rtcInitIntersectArguments(&arguments);
@@ -494,7 +497,7 @@ static enum gn_ref_outcome embree_occluded(const struct gn_ref_tracer *tracer, c
     struct RTCRay of;
     struct RTCOccludedArguments arguments;
     query_init(&query, tracer, ray, NULL);
-    ray_set(&of, ray, query.traces_boxes);
+    ray_set(&of, embree, ray, query.traces_boxes);
     rtcInitOccludedArguments(&arguments);
     arguments.context = &query.context;
     if (query.traces_boxes || (ray->flags & FILTERED_FLAGS)) {
@@ -514,7 +517,7 @@ static int64_t embree_all(const struct gn_ref_tracer *tracer, const struct gn_re
     struct RTCRayHit rayhit;
     struct RTCIntersectArguments arguments;
     query_init(&query, tracer, ray, &list);
-    ray_set(&rayhit.ray, ray, query.traces_boxes);
+    ray_set(&rayhit.ray, embree, ray, query.traces_boxes);
     rayhit.hit.geomID = RTC_INVALID_GEOMETRY_ID;
     rayhit.hit.instID[0] = RTC_INVALID_GEOMETRY_ID;
     rtcInitIntersectArguments(&arguments);
@@ -533,7 +536,8 @@ static int64_t embree_all(const struct gn_ref_tracer *tracer, const struct gn_re
 enum { PACKET = 8 };
 
 /* Whether any needs the filter; lanes that are not valid get a harmless ray. */
-static bool packet_set(struct RTCRay8 *out, int valid[PACKET], const struct gn_ref_ray *rays, size_t count)
+static bool packet_set(struct RTCRay8 *out, const struct embree *embree, int valid[PACKET],
+                       const struct gn_ref_ray *rays, size_t count)
 {
     static const struct gn_ref_ray harmless = {.direction = {1, 0, 0}};
     bool filtered = false;
@@ -546,8 +550,8 @@ static bool packet_set(struct RTCRay8 *out, int valid[PACKET], const struct gn_r
         out->dir_x[i] = ray->direction[0];
         out->dir_y[i] = ray->direction[1];
         out->dir_z[i] = ray->direction[2];
-        out->tnear[i] = above(ray->tmin);
-        out->tfar[i] = below(ray->tmax);
+        out->tnear[i] = near_of(embree, ray->tmin);
+        out->tfar[i] = far_of(ray->tmax);
         out->time[i] = 0;
         out->mask[i] = ray->cull_mask & 0xFF;
         out->id[i] = i;
@@ -575,7 +579,7 @@ static void embree_closest_batch(const struct gn_ref_tracer *tracer, const struc
         query_init(&query, tracer, &rays[first], NULL);
         rtcInitIntersectArguments(&arguments);
         arguments.context = &query.context;
-        if (packet_set(&rayhit.ray, valid, &rays[first], count)) {
+        if (packet_set(&rayhit.ray, embree, valid, &rays[first], count)) {
             arguments.filter = filter;
             arguments.flags |= RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
         }
@@ -614,7 +618,7 @@ static void embree_occluded_batch(const struct gn_ref_tracer *tracer, const stru
         query_init(&query, tracer, &rays[first], NULL);
         rtcInitOccludedArguments(&arguments);
         arguments.context = &query.context;
-        if (packet_set(&packet, valid, &rays[first], count)) {
+        if (packet_set(&packet, embree, valid, &rays[first], count)) {
             arguments.filter = filter;
             arguments.flags |= RTC_RAY_QUERY_FLAG_INVOKE_ARGUMENT_FILTER;
         }
