@@ -131,6 +131,12 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
     device->physical = physical;
     device->tracked = wants_structures(info);
     device->copies = true;
+    device->valid_instance_flags =
+        VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR | VK_GEOMETRY_INSTANCE_TRIANGLE_FLIP_FACING_BIT_KHR |
+        VK_GEOMETRY_INSTANCE_FORCE_OPAQUE_BIT_KHR | VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR |
+        (has_extension(info, VK_EXT_OPACITY_MICROMAP_EXTENSION_NAME)
+             ? VK_GEOMETRY_INSTANCE_FORCE_OPACITY_MICROMAP_2_STATE_EXT | VK_GEOMETRY_INSTANCE_DISABLE_OPACITY_MICROMAPS_EXT
+             : 0);
     pthread_mutex_init(&device->lock, NULL);
     load_next(device, device_lookup);
     if (!gn_device_register(device)) {

@@ -12,6 +12,7 @@ struct roll {
     struct gn_device *device;
     uint32_t queue;
     uint64_t position;
+    const struct gn_as *tlas;
     bool by_handle; /* references are handles, as in builds on the host */
     struct gn_structure *structures;
     uint32_t *uses;
@@ -47,8 +48,9 @@ static uint32_t look_up(struct roll *roll, uint64_t reference)
         return (uint32_t)(known - 1);
     }
     struct gn_device *device = roll->device;
-    struct gn_as *as = roll->by_handle ? gn_map_get(&device->structures, reference)
-                                       : gn_as_at(device, reference, roll->queue, roll->position);
+    const struct gn_as *as = roll->by_handle ? gn_map_get(&device->structures, reference)
+                                             : gn_as_at(device, reference, roll->queue, roll->position);
+    bool destroyed = !as && !roll->by_handle && (as = gn_as_formerly_at(device, reference));
     if (!as)
         return GN_REFERENCE_UNKNOWN;
     if ((roll->count == roll->capacity && !grow(roll)) ||
@@ -57,7 +59,10 @@ static uint32_t look_up(struct roll *roll, uint64_t reference)
     roll->structures[roll->count] = (struct gn_structure){.object = {as->kind, (uint64_t)as->handle, as->name},
                                                           .id = as->id,
                                                           .address = as->address,
-                                                          .built = gn_as_built(as, roll->queue, roll->position)};
+                                                          .built = gn_as_built(as, roll->queue, roll->position),
+                                                          .same_call = as->mark == roll->position && as != roll->tlas,
+                                                          .is_top = as->levels == GN_LEVEL_TOP,
+                                                          .destroyed = destroyed};
     roll->uses[roll->count] = 1;
     return roll->count++;
 }
@@ -89,8 +94,12 @@ static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_i
         refers_to[i] = last;
     }
     for (uint32_t i = 0; i < roll->count; i++)
-        if (roll->structures[i].built == GN_BUILT_UNORDERED)
+        if (roll->structures[i].built == GN_BUILT_UNORDERED && !roll->structures[i].destroyed)
             unordered += roll->uses[i];
+    bool references_sure = roll->by_handle || !device->addressless;
+    if (references_sure)
+        unknown = 0;
+    const struct gn_settings *settings = &device->instance->settings;
 
     struct gn_tlas_build build = {.tlas = {GN_OBJECT_TLAS, (uint64_t)tlas->handle, tlas->name},
                                   .tlas_id = tlas->id,
@@ -99,7 +108,11 @@ static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_i
                                   .instances = records,
                                   .refers_to = refers_to,
                                   .structure_count = roll->count,
-                                  .structures = roll->structures};
+                                  .structures = roll->structures,
+                                  .references_sure = references_sure,
+                                  .valid_flags = device->valid_instance_flags,
+                                  .declared_masks = settings->masks_declared ? settings->declared_masks : NULL,
+                                  .custom_index_bound = settings->custom_index_bound};
     gn_report_judge(device->instance, &build, out);
     gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
     gn_tally_check(device, GN_CHECKED_instances, count - unknown - unordered);
@@ -132,7 +145,15 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
              capture->info, gn_object_describe(&commands_object, commands_text, sizeof commands_text),
              (unsigned long long)judgement->submission,
              gn_object_describe(&queue_object, queue_text, sizeof queue_text));
-    struct roll roll = {.device = device, .queue = judgement->queue, .position = judgement->position};
+    const struct gn_recording *recording = judgement->recording;
+    uint32_t first = judgement->event, command = recording->events[first].command;
+    while (first && recording->events[first - 1].command == command)
+        first--;
+    for (uint32_t i = first; i < recording->count && recording->events[i].command == command; i++)
+        if (recording->events[i].target)
+            recording->events[i].target->mark = judgement->position;
+    struct roll roll = {
+        .device = device, .queue = judgement->queue, .position = judgement->position, .tlas = judgement->tlas};
     judge(&roll, judgement->tlas, capture->records, capture->record_count, place, out);
 }
 
@@ -151,7 +172,7 @@ void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAcceler
         memcpy(&copy[i], records[i], sizeof *copy);
     char place[128];
     snprintf(place, sizeof place, "vkBuildAccelerationStructuresKHR, pInfos[%u], on the host", info);
-    struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .by_handle = true};
+    struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .tlas = tlas, .by_handle = true};
     judge(&roll, tlas, copy, count, place, out);
     free(copy);
 }

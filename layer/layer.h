@@ -100,6 +100,10 @@ struct gn_built_on {
     uint64_t position;
 };
 
+/* What a structure was created as; of a GENERIC one, everything that it was built as, and both before that is known. */
+#define GN_LEVEL_BOTTOM 1u
+#define GN_LEVEL_TOP 2u
+
 /* An acceleration structure. Lives on after its destruction while a recording or a judgement refers to it. */
 struct gn_as {
     VkAccelerationStructureKHR handle;
@@ -108,6 +112,9 @@ struct gn_as {
     uint64_t address;         /* 0 until it is known */
     struct gn_as *same_address;
     uint64_t created_at, destroyed_at; /* destroyed_at is 0 while it is alive */
+    bool generic;
+    uint8_t levels;                    /* GN_LEVEL_*: of which levels it may be */
+    uint64_t mark;                     /* the position of the command last judged that writes it beside a TLAS */
     bool shared;                       /* its memory may be written under another name: nothing is known for sure */
     uint64_t generation;               /* how many builds, updates and copies wrote it */
     struct gn_built_on *built;
@@ -195,6 +202,7 @@ struct gn_judgement {
     struct gn_recording *recording; /* a reference, for it owns the capture */
     struct gn_capture *capture;
     struct gn_as *tlas;
+    uint32_t event; /* its index in the recording */
     VkCommandBuffer command_buffer;
     uint32_t queue;
     uint64_t position;
@@ -244,6 +252,10 @@ struct gn_device {
     struct gn_queue *first_queue;
     uint32_t queue_count;
     struct gn_as *destroyed; /* still in `addresses` because a judgement may need them */
+    struct gn_as *graves[64]; /* the structures destroyed last, so that a finding can name them; a ring */
+    uint32_t grave_count;
+    uint32_t addressless;     /* structures alive whose address is not known */
+    uint32_t valid_instance_flags;
     struct gn_staging_block *blocks;
     VkDeviceSize idle_staging;
     VkFence *fences; /* the layer's own, not in use by a submission it still watches */
@@ -297,6 +309,14 @@ void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, u
 enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position);
 /* The structure that owned `address` for an event at `position`; where several did, the one whose build speaks best. */
 struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position);
+/* A structure of GENERIC type is now also known as one of `levels`. */
+static inline void gn_as_level(struct gn_as *as, unsigned levels)
+{
+    if (as->generic)
+        as->levels |= (uint8_t)levels;
+}
+/* The structure destroyed last that had `address`; NULL if it is not remembered. */
+const struct gn_as *gn_as_formerly_at(const struct gn_device *device, uint64_t address);
 /* Frees destroyed structures that no judgement can ask for any more. */
 void gn_as_purge(struct gn_device *device);
 void gn_as_finish(struct gn_device *device);

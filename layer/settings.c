@@ -70,6 +70,27 @@ static bool parse_count(const char *text, uint32_t *out)
     return true;
 }
 
+static void put_masks(struct gn_settings *out, const char *const *values, uint32_t count)
+{
+    bool declared = false;
+    uint64_t masks[4] = {0};
+    for (uint32_t i = 0; i < count; i++) {
+        const char *text = values[i];
+        char *end;
+        if (!*text)
+            continue;
+        unsigned long mask = strtoul(text, &end, 0);
+        if (*text < '0' || *text > '9' || *end || mask > 0xFF) {
+            warn(out, "declared_masks: expected numbers from 0 to 255 or 0xFF, found \"%s\". No mask is declared.", text);
+            return;
+        }
+        masks[mask / 64] |= UINT64_C(1) << (mask % 64);
+        declared = true;
+    }
+    memcpy(out->declared_masks, masks, sizeof masks);
+    out->masks_declared = declared;
+}
+
 static char *parse_path(const char *text)
 {
     const char *mark = strstr(text, "%p");
@@ -112,6 +133,10 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
         put_rules(out, key, values, count, false);
         return;
     }
+    if (strcmp(key, "declared_masks") == 0) {
+        put_masks(out, values, count);
+        return;
+    }
     if (count != 1) {
         warn(out, "%s: expected one value, found %u (a comma or a colon separates values). The default is used.", key, count);
         return;
@@ -131,6 +156,9 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
     } else if (strcmp(key, "instance_cap") == 0) {
         if (!parse_count(value, &out->instance_cap))
             warn(out, "instance_cap: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "custom_index_bound") == 0) {
+        if (!parse_count(value, &out->custom_index_bound))
+            warn(out, "custom_index_bound: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);
     }
 }
 

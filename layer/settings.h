@@ -21,6 +21,9 @@ struct gn_settings {
     enum gn_profile profile;
     struct gn_rule_set rules;
     uint32_t instance_cap;
+    bool masks_declared;
+    uint64_t declared_masks[4]; /* one bit per mask */
+    uint32_t custom_index_bound; /* 0: not declared */
     /* What was wrong with the settings, one sentence each; every fault leaves its setting at the default. */
     char **warnings;
     uint32_t warning_count;

@@ -92,10 +92,23 @@ static void learn_address(struct gn_device *device, struct gn_as *as, uint64_t a
     for (struct gn_as *other = as->same_address; other; other = other->same_address)
         if (!other->destroyed_at)
             as->shared = other->shared = true;
-    if (gn_map_put(&device->addresses, address, as))
+    if (gn_map_put(&device->addresses, address, as)) {
         as->address = address;
-    else
+        device->addressless--;
+    } else {
         as->same_address = NULL;
+    }
+}
+
+const struct gn_as *gn_as_formerly_at(const struct gn_device *device, uint64_t address)
+{
+    const uint32_t room = sizeof device->graves / sizeof device->graves[0];
+    for (uint32_t i = 0; i < room && i < device->grave_count; i++) {
+        const struct gn_as *as = device->graves[(device->grave_count - 1 - i) % room];
+        if (as->address == address)
+            return as;
+    }
+    return NULL;
 }
 
 static void forget_address(struct gn_device *device, struct gn_as *as)
@@ -153,6 +166,10 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
     as->handle = *out;
     as->id = atomic_fetch_add(&last_id, 1) + 1;
     as->references = 1;
+    as->levels = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR      ? GN_LEVEL_TOP
+                 : info->type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR ? GN_LEVEL_BOTTOM
+                                                                                 : 0;
+    as->generic = !as->levels;
     as->kind = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR      ? GN_OBJECT_TLAS
                : info->type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR ? GN_OBJECT_BLAS
                                                                                : GN_OBJECT_STRUCTURE;
@@ -164,6 +181,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
         as = NULL;
         gn_tally_lost(device);
     }
+    device->addressless += as != NULL;
     /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
      * in the same place and never ask. */
     struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)info->buffer);
@@ -200,6 +218,11 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyAccelerationStructureKHR(VkDevice han
         gn_lock(device);
         struct gn_as *as = gn_map_take(&device->structures, (uint64_t)structure);
         if (as) {
+            const uint32_t room = sizeof device->graves / sizeof device->graves[0];
+            struct gn_as **grave = &device->graves[device->grave_count++ % room];
+            gn_as_release(*grave);
+            *grave = gn_as_keep(as);
+            device->addressless -= !as->address;
             as->destroyed_at = ++device->position;
             as->next_destroyed = device->destroyed;
             device->destroyed = as;
@@ -216,6 +239,8 @@ void gn_as_finish(struct gn_device *device)
     size_t cursor = 0;
     struct gn_as *as;
     gn_as_purge(device);
+    for (size_t i = 0; i < sizeof device->graves / sizeof device->graves[0]; i++)
+        gn_as_release(device->graves[i]);
     while ((as = gn_map_next(&device->structures, &cursor)))
         gn_as_release(as);
     gn_map_finish(&device->structures);
@@ -228,11 +253,13 @@ static bool host_command_ran(VkResult result)
     return result == VK_SUCCESS || result == VK_OPERATION_DEFERRED_KHR || result == VK_OPERATION_NOT_DEFERRED_KHR;
 }
 
-static void host_wrote(struct gn_device *device, VkAccelerationStructureKHR structure, uint64_t position)
+static void host_wrote(struct gn_device *device, VkAccelerationStructureKHR structure, unsigned levels, uint64_t position)
 {
     struct gn_as *as = gn_as_get(device, structure);
-    if (as)
+    if (as) {
         gn_as_written(device, as, GN_QUEUE_HOST, position);
+        gn_as_level(as, levels);
+    }
     gn_tally_check(device, GN_CHECKED_builds, 1);
 }
 
@@ -279,8 +306,13 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BuildAccelerationStructuresKHR(
         return result;
     gn_lock(device);
     uint64_t position = ++device->position;
-    for (uint32_t i = 0; i < count; i++)
-        host_wrote(device, infos[i].dstAccelerationStructure, position);
+    for (uint32_t i = 0; i < count; i++) {
+        struct gn_as *as = gn_as_get(device, infos[i].dstAccelerationStructure);
+        host_wrote(device, infos[i].dstAccelerationStructure,
+                   infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR ? GN_LEVEL_TOP : GN_LEVEL_BOTTOM, position);
+        if (as)
+            as->mark = position;
+    }
     for (uint32_t i = 0; i < count; i++) {
         if (infos[i].type != VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR)
             continue;
@@ -305,7 +337,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CopyAccelerationStructureKHR(VkDevice ha
     VkResult result = device->next.CopyAccelerationStructureKHR(handle, deferred, info);
     if (host_command_ran(result)) {
         gn_lock(device);
-        host_wrote(device, info->dst, ++device->position);
+        host_wrote(device, info->dst, GN_LEVEL_BOTTOM | GN_LEVEL_TOP, ++device->position);
         gn_unlock(device);
     }
     return result;
@@ -318,7 +350,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CopyMemoryToAccelerationStructureKHR(
     VkResult result = device->next.CopyMemoryToAccelerationStructureKHR(handle, deferred, info);
     if (host_command_ran(result)) {
         gn_lock(device);
-        host_wrote(device, info->dst, ++device->position);
+        host_wrote(device, info->dst, GN_LEVEL_BOTTOM | GN_LEVEL_TOP, ++device->position);
         gn_unlock(device);
     }
     return result;

@@ -112,9 +112,9 @@ struct replay {
     bool touched;
 };
 
-static void expect_judgement(struct replay *replay, struct gn_recording *recording, const struct gn_event *event,
-                             uint64_t position)
+static void expect_judgement(struct replay *replay, struct gn_recording *recording, uint32_t index, uint64_t position)
 {
+    const struct gn_event *event = &recording->events[index];
     struct gn_device *device = replay->device;
     struct gn_judgement *judgement = NULL;
     if (event->capture->pending)
@@ -133,6 +133,7 @@ static void expect_judgement(struct replay *replay, struct gn_recording *recordi
     *judgement = (struct gn_judgement){.recording = gn_recording_keep(recording),
                                        .capture = event->capture,
                                        .tlas = gn_as_keep(event->target),
+                                       .event = index,
                                        .command_buffer = replay->command_buffer,
                                        .queue = replay->queue->id,
                                        .position = position,
@@ -144,6 +145,20 @@ static void expect_judgement(struct replay *replay, struct gn_recording *recordi
     return;
 fail:
     gn_tally_lost(device);
+}
+
+/* A copy has the level of its source, and of serialized data the layer does not know it. */
+static unsigned event_levels(const struct gn_event *event)
+{
+    switch (event->kind) {
+    case GN_EVENT_COPY:
+    case GN_EVENT_COMPACT:
+        return event->source && event->source->levels ? event->source->levels : GN_LEVEL_BOTTOM | GN_LEVEL_TOP;
+    case GN_EVENT_DESERIALIZE:
+        return GN_LEVEL_BOTTOM | GN_LEVEL_TOP;
+    default:
+        return event->is_tlas ? GN_LEVEL_TOP : GN_LEVEL_BOTTOM;
+    }
 }
 
 static void replay_recording(struct replay *replay, struct gn_recording *recording, unsigned depth)
@@ -171,6 +186,7 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
                                   : event->kind == GN_EVENT_COMPACT && event->source        ? event->source->kind
                                   : event->kind == GN_EVENT_DESERIALIZE                     ? GN_OBJECT_STRUCTURE
                                                                                             : GN_OBJECT_BLAS;
+        gn_as_level(event->target, event_levels(event));
         gn_as_written(device, event->target, replay->queue->id, position);
         gn_tally_check(device, GN_CHECKED_builds, 1);
         if (!event->is_tlas)
@@ -178,7 +194,7 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
         if (event->unjudged != GN_UNJUDGED_COUNT)
             gn_tally_unjudged(device, event->unjudged, 1);
         else if (event->capture)
-            expect_judgement(replay, recording, event, position);
+            expect_judgement(replay, recording, i, position);
         else
             gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
     }

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The catalogue, names, and how rules are run and report. */
 #include "checks/rules/rules.h"
+#include "checks/rules/survey.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -155,14 +156,22 @@ static bool applies(size_t index, enum gn_rule_event on, const struct gn_report 
 
 void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_report *report)
 {
+    struct gn_survey survey;
+    bool surveyed = false;
     for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
         if (!applies(i, GN_RULE_ON_TLAS_BUILD, report))
             continue;
+        if (catalogue[i]->surveys && !surveyed) {
+            gn_survey_instances(build, &survey);
+            surveyed = true;
+            report->survey = &survey;
+        }
         report->rule = catalogue[i];
         catalogue[i]->test.tlas_build(build, report);
         gn_rule_set_put(&report->evaluated, i, true);
     }
     report->rule = NULL;
+    report->survey = NULL;
 }
 
 static uint64_t mix(uint64_t hash, uint64_t value)

@@ -39,7 +39,7 @@ struct gn_report;
 /* What a rule is about: which values its test takes. */
 enum gn_rule_event { GN_RULE_ON_TLAS_BUILD };
 
-#define GN_RULE_MAX_SOURCES 8
+#define GN_RULE_MAX_SOURCES 16
 
 /* One rule. `id` is dotted and stable: settings, logs and expectation files use it. `text` states what is
  * required, `remedy` is one sentence that says what to change. `sources` ends at the first NULL: valid-usage ids of
@@ -52,6 +52,7 @@ struct gn_rule {
     const char *sources[GN_RULE_MAX_SOURCES + 1];
     enum gn_severity severity[GN_PROFILE_COUNT];
     enum gn_rule_event on;
+    bool surveys; /* of a TLAS build: the test reads the survey of its instances */
     union {
         void (*tlas_build)(const struct gn_tlas_build *build, struct gn_report *report);
     } test;
@@ -95,6 +96,7 @@ struct gn_report {
     bool (*repeated)(void *context, const struct gn_rule *rule, uint64_t site);
     void (*finding)(void *context, uint64_t site, const struct gn_finding *finding);
     const struct gn_rule *rule;   /* the rule now running; the library sets it */
+    const struct gn_survey *survey; /* of the TLAS build that is judged (survey.h); the library sets it */
     struct gn_rule_set evaluated; /* the library adds every rule that it ran */
 };
 

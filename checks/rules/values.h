@@ -4,6 +4,7 @@
 #ifndef GN_CHECKS_RULES_VALUES_H
 #define GN_CHECKS_RULES_VALUES_H
 
+#include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
 
@@ -49,6 +50,9 @@ struct gn_structure {
     uint64_t id;
     uint64_t address;
     enum gn_built built;
+    bool same_call; /* the command of the event writes it too, whatever was built before */
+    bool is_top;    /* a TLAS: created as one, or of generic type and never built as anything else */
+    bool destroyed; /* it was destroyed before the event was submitted; `built` says nothing then */
 };
 
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */
@@ -72,6 +76,10 @@ struct gn_tlas_build {
     const uint32_t *refers_to; /* per instance: index into `structures`, or GN_REFERENCE_* */
     uint32_t structure_count;
     const struct gn_structure *structures;
+    bool references_sure;         /* GN_REFERENCE_UNKNOWN is certain: the address of every structure alive is known */
+    uint32_t valid_flags;         /* the instance flags that exist on the device, as in the upper 8 bits */
+    const uint64_t *declared_masks; /* 256 bits, one per mask that the application means to use; NULL: not declared */
+    uint32_t custom_index_bound;  /* every custom index is declared to be below; 0: not declared */
 };
 
 #ifdef __cplusplus

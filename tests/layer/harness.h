@@ -80,6 +80,7 @@ struct world {
     VkCommandPool pool;
     VkDebugUtilsMessengerEXT messenger;
     struct messages messages;
+    const char *rule; /* the rule whose findings are expected; NEVER_BUILT at first */
     bool above_khronos;
 #define X(name) PFN_vk##name name;
     WORLD_COMMANDS(X)
@@ -106,7 +107,9 @@ void structure_destroy_handle(struct world *world, struct structure *structure);
 void structure_create_handle(struct world *world, struct structure *structure, VkAccelerationStructureTypeKHR type);
 void structure_destroy(struct world *world, struct structure *structure);
 void structure_name(struct world *world, const struct structure *structure, const char *name);
-/* Writes the reference of instance `index` from the host. */
+/* The record of instance `index`, in memory that the host writes. */
+VkAccelerationStructureInstanceKHR *tlas_instance(struct structure *tlas, uint32_t index);
+/* Writes the record of instance `index` from the host: the identity, mask 0xFF, and this reference. */
 void tlas_refer(struct structure *tlas, uint32_t index, VkDeviceAddress reference);
 
 VkCommandBuffer commands_begin(struct world *world, VkCommandBufferUsageFlags flags);
@@ -124,7 +127,8 @@ VkFence fence_create(struct world *world);
 /* Messages whose id is `id`. */
 uint32_t messages_count(const struct world *world, const char *id);
 const struct message *messages_find(const struct world *world, const char *id);
-/* Fails the test if `actual` differs, printing every message received. */
+/* Fails the test unless there are `expected` findings of world->rule and none of any other rule, printing every message
+ * received. */
 void expect_findings(struct world *world, uint32_t expected);
 
 /* The whole file with a terminating zero; the caller frees it. NULL if it is not there. */

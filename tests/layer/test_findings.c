@@ -4,6 +4,7 @@
  * anything. */
 #include "tests/layer/harness.h"
 
+#include <math.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -568,13 +569,223 @@ static void records_written_on_the_device(struct world *world)
     scene_destroy(&scene);
 }
 
-/* A reference that no structure has: said in the statement, not by this rule. */
-static void unknown_reference(struct world *world)
+static void destroyed_reference(struct world *world)
 {
     struct scene scene = scene_create(world);
     run_build(world, &scene.blas);
+    structure_name(world, &scene.blas, "felled");
     structure_destroy_handle(world, &scene.blas);
     run_build(world, &scene.tlas);
+    const struct message *message = messages_find(world, "instances.reference_unknown");
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "BLAS \"felled\""));
+    assert_non_null(strstr(message->text, "which was destroyed"));
+    scene_destroy(&scene);
+}
+
+static void misaligned_reference(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure tlas = tlas_create(world, 3);
+    run_build(world, &scene.blas);
+    tlas_refer(&tlas, 0, scene.blas.address);
+    /* The driver reads it as a BLAS: a copy of the whole one, eight bytes on, where nobody else looks. */
+    struct buffer copy = buffer_create(world, scene.blas.size + 512, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT);
+    memcpy((char *)copy.mapped + 8, scene.blas.storage.mapped, scene.blas.size);
+    tlas_refer(&tlas, 2, copy.address + 8);
+    run_build(world, &tlas);
+    const struct message *message = messages_find(world, "instances.reference_unknown");
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "instance 2 of 3"));
+    assert_non_null(strstr(message->text, "a multiple of 256"));
+    buffer_destroy(world, &copy);
+    structure_destroy(world, &tlas);
+    scene_destroy(&scene);
+}
+
+/* One active instance, changed before the build. */
+static struct scene instance_begin(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    run_build(world, &scene.blas);
+    return scene;
+}
+
+static void instance_end(struct scene *scene)
+{
+    run_build(scene->world, &scene->tlas);
+    scene_destroy(scene);
+}
+
+static void reference_to_tlas(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    struct structure inner = tlas_create(world, 1);
+    tlas_refer(&inner, 0, scene.blas.address);
+    run_build(world, &inner);
+    tlas_refer(&scene.tlas, 0, inner.address);
+    instance_end(&scene);
+    structure_destroy(world, &inner);
+}
+
+static void reference_to_generic_tlas(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    struct structure inner = tlas_create(world, 1);
+    structure_destroy_handle(world, &inner);
+    structure_create_handle(world, &inner, GENERIC);
+    tlas_refer(&inner, 0, scene.blas.address);
+    run_build(world, &inner);
+    tlas_refer(&scene.tlas, 0, inner.address);
+    instance_end(&scene);
+    structure_destroy(world, &inner);
+}
+
+static void reserved_flags(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    tlas_instance(&scene.tlas, 0)->flags = 0x81;
+    instance_end(&scene);
+    const struct message *message = messages_find(world, "instances.flags_reserved");
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "flags 0x81, of which 0x80 are not defined"));
+}
+
+static void defined_flags(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    tlas_instance(&scene.tlas, 0)->flags = 0x07;
+    tlas_instance(&scene.tlas, 0)->instanceShaderBindingTableRecordOffset = 0xFFFFFF;
+    instance_end(&scene);
+}
+
+static void singular_matrix(struct world *world)
+{
+    static const VkTransformMatrixKHR flat = {{{0.1f, 0.3f, 0.7f, 1}, {0.2f, 0.6f, 1.4f, 2}, {5, 1, 3, 3}}};
+    struct scene scene = instance_begin(world);
+    tlas_instance(&scene.tlas, 0)->transform = flat;
+    instance_end(&scene);
+}
+
+static void infinite_matrix(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    tlas_instance(&scene.tlas, 0)->transform.matrix[1][1] = INFINITY;
+    instance_end(&scene);
+}
+
+static void tiny_matrix(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    for (int i = 0; i < 3; i++)
+        tlas_instance(&scene.tlas, 0)->transform.matrix[i][i] = 1e-12f;
+    instance_end(&scene);
+}
+
+static void inactive_garbage(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    memset(tlas_instance(&scene.tlas, 0), 0xFF, sizeof(VkAccelerationStructureInstanceKHR));
+    tlas_instance(&scene.tlas, 0)->accelerationStructureReference = 0;
+    instance_end(&scene);
+}
+
+static void infinite_translation(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    tlas_instance(&scene.tlas, 0)->transform.matrix[2][3] = -INFINITY;
+    instance_end(&scene);
+}
+
+static void all_masks_zero(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    tlas_instance(&scene.tlas, 0)->mask = 0;
+    instance_end(&scene);
+    const struct message *message = messages_find(world, "instances.mask_zero");
+    assert_non_null(message);
+    assert_int_equal(message->severity, VK_DEBUG_UTILS_MESSAGE_SEVERITY_INFO_BIT_EXT);
+}
+
+static void one_mask_zero(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    struct structure tlas = tlas_create(world, 2);
+    tlas_refer(&tlas, 0, scene.blas.address);
+    tlas_refer(&tlas, 1, scene.blas.address);
+    tlas_instance(&tlas, 0)->mask = 0;
+    run_build(world, &tlas);
+    structure_destroy(world, &tlas);
+    instance_end(&scene);
+}
+
+/* Four instances whose word of index and mask is `first`, first + step, ... */
+static void count_words(struct world *world, uint32_t first, uint32_t step)
+{
+    struct scene scene = instance_begin(world);
+    struct structure tlas = tlas_create(world, 4);
+    for (uint32_t i = 0; i < 4; i++) {
+        tlas_refer(&tlas, i, scene.blas.address);
+        uint32_t word = first + i * step;
+        memcpy((char *)tlas_instance(&tlas, i) + 48, &word, sizeof word);
+    }
+    run_build(world, &tlas);
+    structure_destroy(world, &tlas);
+    scene_destroy(&scene);
+}
+
+static void index_runs_over(struct world *world)
+{
+    count_words(world, 0x01FFFFFD, 2);
+}
+
+static void full_indices_and_masks(struct world *world)
+{
+    count_words(world, 0x01FFFFFF, 0x01000000);
+}
+
+static void rebuilt_in_same_call(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    struct structure *both[] = {&scene.tlas, &scene.blas};
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build(world, commands, both, 2);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(&scene);
+}
+
+static void built_in_same_call_unrelated(struct world *world)
+{
+    struct scene scene = instance_begin(world);
+    struct structure other = blas_create(world, BLAS, 0);
+    struct structure *both[] = {&other, &scene.tlas};
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build(world, commands, both, 2);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    structure_destroy(world, &other);
+    scene_destroy(&scene);
+}
+
+static void same_call_twice(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure second = tlas_create(world, 1), other = blas_create(world, BLAS, 0);
+    struct structure *bottom[] = {&scene.blas, &other}, *top[] = {&scene.tlas, &second};
+    tlas_refer(&second, 0, other.address);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    for (int i = 0; i < 2; i++) {
+        commands_build(world, commands, bottom, 2);
+        commands_barrier(commands);
+        commands_build(world, commands, top, 2);
+        commands_barrier(commands);
+    }
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    submit_and_wait(world, commands);
+    structure_destroy(world, &second);
+    structure_destroy(world, &other);
     scene_destroy(&scene);
 }
 
@@ -684,15 +895,20 @@ static const struct scenario {
     const char *name, *why;
     void (*run)(struct world *world);
     uint32_t findings;
+    const char *rule;
 } scenarios[] = {
-#define FIRES(scenario, count, why) {#scenario, why, scenario, count},
-#define SILENT(scenario, why) {#scenario, why, scenario, 0},
+#define FIRES(scenario, count, why) {#scenario, why, scenario, count, NEVER_BUILT},
+#define SILENT(scenario, why) {#scenario, why, scenario, 0, NEVER_BUILT},
+#define FIRES_RULE(scenario, rule, why) {#scenario, why, scenario, 1, rule},
     FIRES(never_built, 1, "created, referred to, never built")
     SILENT(built_in_earlier_submission, "the usual way")
     FIRES(later_instance_named, 1, "the offending one among several instances")
     SILENT(built_in_same_commands, "earlier in the same command buffer")
     FIRES(built_after_in_same_commands, 1, "later in the same command buffer is too late")
-    SILENT(built_in_same_call, "unordered, which is another rule's matter")
+    FIRES_RULE(built_in_same_call, "build.order.same_call", "nothing orders two builds of one command")
+    FIRES_RULE(rebuilt_in_same_call, "build.order.same_call", "the BLAS was built before, and is being built again")
+    SILENT(built_in_same_call_unrelated, "a BLAS that no instance refers to may be built beside the TLAS")
+    SILENT(same_call_twice, "the commands of one recording are told apart")
     SILENT(recorded_in_reverse, "recording order means nothing")
     FIRES(recorded_forward_submitted_in_reverse, 1, "submission order is what counts")
     FIRES(never_built_submit2, 1, "vkQueueSubmit2 is replayed as well")
@@ -719,7 +935,21 @@ static const struct scenario {
     FIRES(reset_bottom, 1, "what was reset did not happen")
     FIRES(bottom_recorded_but_not_submitted, 1, "what was never submitted did not happen")
     FIRES(records_written_on_the_device, 1, "records are read when the device reads them")
-    SILENT(unknown_reference, "a dangling reference is another rule's matter")
+    FIRES_RULE(destroyed_reference, "instances.reference_unknown", "the BLAS was destroyed before the submission")
+    FIRES_RULE(misaligned_reference, "instances.reference_unknown", "an address inside of a BLAS")
+    FIRES_RULE(reference_to_tlas, "instances.reference_tlas", "a TLAS in a TLAS")
+    FIRES_RULE(reference_to_generic_tlas, "instances.reference_tlas", "GENERIC, built as a TLAS")
+    FIRES_RULE(reserved_flags, "instances.flags_reserved", "bits that nothing defines")
+    SILENT(defined_flags, "every flag of Vulkan")
+    FIRES_RULE(singular_matrix, "instances.matrix_singular", "a row is a multiple of another")
+    FIRES_RULE(infinite_matrix, "instances.matrix_singular", "a scale of infinity")
+    SILENT(tiny_matrix, "invertible, however small")
+    SILENT(inactive_garbage, "an inactive instance is not judged")
+    FIRES_RULE(infinite_translation, "instances.translation_not_finite", "moved to infinity")
+    FIRES_RULE(all_masks_zero, "instances.mask_zero", "nothing can be hit")
+    SILENT(one_mask_zero, "one of two is hidden")
+    FIRES_RULE(index_runs_over, "instances.custom_index_overflow", "an index that counts through 2^24")
+    SILENT(full_indices_and_masks, "the highest index and other masks beside each other")
     FIRES(primitive_offset, 1, "the range's offset selects the records")
     SILENT(memory_requirements_agree, "added usage shows in every query alike")
     FIRES(wide_usage_flags, 1, "usage flags of 64 bits")
@@ -734,6 +964,7 @@ static void run_scenario(void **state)
     struct world *world = calloc(1, sizeof *world);
     assert_non_null(world);
     world_init(world, NULL);
+    world->rule = scenario->rule;
     scenario->run(world);
     expect_findings(world, scenario->findings);
     world_finish(world);

@@ -250,6 +250,8 @@ static int set_up(void **state)
                                                       .rules = gn_rule_set_all(),
                                                       .instance_cap = 1000};
     pthread_mutex_init(&fixture->instance.lock, NULL);
+    fixture->record = (VkAccelerationStructureInstanceKHR){.transform = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}},
+                                                           .mask = 0xFF};
     fixture->device = device;
     fixture->handle = device->handle = (VkDevice)(void *)&fake_device;
     device->instance = &fixture->instance;
@@ -551,6 +553,25 @@ static void destroyed_while_the_build_is_pending(void **state)
     /* Now they are gone. */
     on_queue(fixture, 0, 3, tlas, TOP, VK_NULL_HANDLE);
     gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 2);
+}
+
+/* A structure whose address nobody asked may be the one that is referred to. */
+static void references_are_unknown_only_when_that_is_certain(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureCreateInfoKHR info = {.type = BOTTOM};
+    VkAccelerationStructureKHR hidden, tlas = make(fixture, TOP);
+    gn_entry_CreateAccelerationStructureKHR(fixture->handle, &info, NULL, &hidden);
+    fixture->record.accelerationStructureReference = 0x7777700;
+    on_queue(fixture, 0, 0, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_unknown_reference), 1);
+    gn_entry_DestroyAccelerationStructureKHR(fixture->handle, hidden, NULL);
+    on_queue(fixture, 0, 1, tlas, TOP, VK_NULL_HANDLE);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
     assert_int_equal(unjudged(fixture, GN_UNJUDGED_unknown_reference), 1);
 }
 
@@ -741,6 +762,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(a_fence_that_is_reset_has_completed, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_device_destroyed_before_completion, set_up, tear_down),
         cmocka_unit_test_setup_teardown(destroyed_while_the_build_is_pending, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(references_are_unknown_only_when_that_is_certain, set_up, tear_down),
         cmocka_unit_test_setup_teardown(aliases_are_not_accused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(structures_in_external_memory_are_not_accused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(usage_is_added_alike, set_up, tear_down),

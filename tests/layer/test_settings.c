@@ -62,6 +62,7 @@ static uint32_t misbehave(struct world *world, const VkLayerSettingEXT *settings
     struct structure blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0);
     struct structure tlas = tlas_create(world, 2);
     tlas_refer(&tlas, 1, blas.address);
+    tlas_instance(&tlas, 1)->instanceCustomIndex = 7;
     VkCommandBuffer commands = commands_begin(world, 0);
     commands_build_one(world, commands, &tlas);
     commands_end(commands);
@@ -240,6 +241,42 @@ static void enabled_rules(void **state)
     free(world);
 }
 
+/* The active instance has mask 0xFF and custom index 7. */
+static void declarations(void **state)
+{
+    static const struct {
+        const char *key, *value, *rule;
+        uint32_t findings;
+        const char *warning;
+    } table[] = {
+        {"DECLARED_MASKS", "1,0x02", "instances.mask_undeclared", 1, NULL},
+        {"DECLARED_MASKS", "1,0xFF", "instances.mask_undeclared", 0, NULL},
+        {"DECLARED_MASKS", "", "instances.mask_undeclared", 0, NULL},
+        {"DECLARED_MASKS", "1,256", "instances.mask_undeclared", 0, "expected numbers from 0 to 255 or 0xFF, found \"256\""},
+        {"DECLARED_MASKS", "one", "instances.mask_undeclared", 0, "found \"one\""},
+        {"CUSTOM_INDEX_BOUND", "7", "instances.custom_index_bound", 1, NULL},
+        {"CUSTOM_INDEX_BOUND", "8", "instances.custom_index_bound", 0, NULL},
+        {"CUSTOM_INDEX_BOUND", "0", "instances.custom_index_bound", 0, NULL},
+        {"CUSTOM_INDEX_BOUND", "many", "instances.custom_index_bound", 0, "found \"many\""},
+    };
+    (void)state;
+    struct world *world = calloc(1, sizeof *world);
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        char name[128];
+        clean(NULL);
+        snprintf(name, sizeof name, PREFIX "%s", table[i].key);
+        setenv(name, table[i].value, 1);
+        misbehave(world, NULL, 0);
+        uint32_t findings = messages_count(world, table[i].rule);
+        bool said = table[i].warning ? warned(world, table[i].warning) : messages_count(world, "settings") == 0;
+        unsetenv(name);
+        if (findings != table[i].findings || !said)
+            fail_msg("%s=%s: expected %u findings and \"%s\", found %u", table[i].key, table[i].value, table[i].findings,
+                     table[i].warning ? table[i].warning : "", findings);
+    }
+    free(world);
+}
+
 static void every_profile_is_known(void **state)
 {
     (void)state;
@@ -368,6 +405,7 @@ int main(void)
         cmocka_unit_test_setup(each_source_is_read, clean),
         cmocka_unit_test_setup(precedence, clean),
         cmocka_unit_test_setup(enabled_rules, clean),
+        cmocka_unit_test_setup(declarations, clean),
         cmocka_unit_test_setup(every_profile_is_known, clean),
         cmocka_unit_test_setup(severity_floor, clean),
         cmocka_unit_test_setup(instance_cap, clean),

@@ -1,8 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Every rule over plain values: a row that fires beside a row that stays silent. A rule of the catalogue that lacks either
  * fails here. */
+#include "checks/rules/instance.h"
 #include "checks/rules/rules.h"
+#include "checks/rules/survey.h"
 
+#include <math.h>
 #include <setjmp.h>
 #include <stdarg.h>
 #include <stdio.h>
@@ -15,6 +18,13 @@
 #define NULL_REF GN_REFERENCE_NULL
 #define UNKNOWN GN_REFERENCE_UNKNOWN
 
+/* The build of a row: filled with what is valid, then altered by the row. */
+struct subject {
+    struct gn_tlas_build build;
+    struct gn_structure structures[MAX_STRUCTURES];
+    struct gn_instance_record records[MAX_INSTANCES];
+};
+
 struct row {
     const char *rule;
     const char *name;
@@ -25,29 +35,254 @@ struct row {
     uint32_t structure_count;
     enum gn_built built[MAX_STRUCTURES];
     const char *says; /* part of the first message */
+    void (*alter)(struct subject *subject);
 };
+
+static void same_call(struct subject *subject)
+{
+    subject->structures[1].same_call = true;
+}
+
+static void destroyed(struct subject *subject)
+{
+    subject->structures[1].destroyed = subject->structures[1].same_call = true;
+}
+
+static void unsure(struct subject *subject)
+{
+    subject->build.references_sure = false;
+}
+
+static void odd_address(struct subject *subject)
+{
+    subject->records[0].reference = 0x1234;
+}
+
+static void is_top(struct subject *subject)
+{
+    subject->structures[1].is_top = true;
+}
+
+static void flag_0x10(struct subject *subject)
+{
+    subject->records[1].sbt_offset_and_flags = 0x12FFFFFF;
+}
+
+static void flag_0x10_defined(struct subject *subject)
+{
+    flag_0x10(subject);
+    subject->build.valid_flags = 0x3F;
+}
+
+static void set_matrix(struct subject *subject, const float rows[9])
+{
+    for (int i = 0; i < 9; i++)
+        subject->records[1].object_to_world[i / 3 * 4 + i % 3] = rows[i];
+}
+
+static void matrix_zero(struct subject *subject)
+{
+    set_matrix(subject, (const float[9]){0});
+}
+
+/* The third row is the sum of the others, with magnitudes that rounding would not survive. */
+static void matrix_dependent(struct subject *subject)
+{
+    set_matrix(subject, (const float[9]){0x1p60f, 3, 0x1p-60f, 0x1.8p60f, 7, 0x1p-61f, 0x1.4p61f, 10, 0x1.8p-60f});
+}
+
+/* The same but for the last bit of one element. */
+static void matrix_nearly_dependent(struct subject *subject)
+{
+    set_matrix(subject, (const float[9]){0x1p60f, 3, 0x1p-60f, 0x1.8p60f, 7, 0x1p-61f, 0x1.4p61f, 10, 0x1.800002p-60f});
+}
+
+static void matrix_denormal(struct subject *subject)
+{
+    set_matrix(subject, (const float[9]){0x1p-149f, 0, 0, 0, 0x1p-149f, 0, 0, 0, 0x1p-149f});
+}
+
+static void matrix_huge(struct subject *subject)
+{
+    set_matrix(subject, (const float[9]){0x1p127f, 0, 0, 0, 0x1p127f, 0, 0, 0, -0x1p127f});
+}
+
+static void matrix_nan(struct subject *subject)
+{
+    subject->records[1].object_to_world[6] = NAN;
+}
+
+static void translation_infinite(struct subject *subject)
+{
+    subject->records[1].object_to_world[7] = INFINITY;
+}
+
+static void mask_0(struct subject *subject)
+{
+    subject->records[1].custom_index_and_mask = 0x00000005;
+}
+
+static void masks_0(struct subject *subject)
+{
+    for (int i = 0; i < MAX_INSTANCES; i++)
+        subject->records[i].custom_index_and_mask = 0x00000005;
+}
+
+static const uint64_t mask_ff[4] = {0, 0, 0, UINT64_C(1) << 63};
+
+static void masks_declared(struct subject *subject)
+{
+    subject->build.declared_masks = mask_ff;
+}
+
+static void overflow_declared(struct subject *subject)
+{
+    subject->build.declared_masks = mask_ff;
+    subject->records[1].custom_index_and_mask = 0x01000005;
+}
+
+static void index_bound_6(struct subject *subject)
+{
+    masks_0(subject);
+    subject->build.custom_index_bound = 6;
+}
+
+static void index_bound_5(struct subject *subject)
+{
+    masks_0(subject);
+    subject->build.custom_index_bound = 5;
+}
+
+static void set_words(struct subject *subject, const uint32_t words[MAX_INSTANCES])
+{
+    for (int i = 0; i < MAX_INSTANCES; i++)
+        subject->records[i].custom_index_and_mask = words[i];
+}
+
+static void words_run_over(struct subject *subject)
+{
+    set_words(subject, (const uint32_t[]){0x07FFFFFE, 0x07FFFFFF, 0x08000000, 0x08000001});
+}
+
+static void words_run_over_at_once(struct subject *subject)
+{
+    set_words(subject, (const uint32_t[]){0x07FFFFFF, 0x08000004, 0x08000009, 0x08000009});
+}
+
+static void words_wrap_within(struct subject *subject)
+{
+    set_words(subject, (const uint32_t[]){0x07FFFFFE, 0x07FFFFFF, 0x07000000, 0x07000001});
+}
+
+static void words_by_chance(struct subject *subject)
+{
+    set_words(subject, (const uint32_t[]){0x07FFFFF0, 0x07FFFFFF, 0x08000000, 0x08000005});
+}
+
+static void words_of_two_masks(struct subject *subject)
+{
+    set_words(subject, (const uint32_t[]){0x01000000, 0x02000001, 0x03000002, 0x04000003});
+}
+
+static void masked_out_and_inactive(struct subject *subject)
+{
+    mask_0(subject);
+    matrix_zero(subject);
+    flag_0x10(subject);
+    translation_infinite(subject);
+    subject->build.declared_masks = mask_ff;
+    subject->build.custom_index_bound = 1;
+    subject->records[0].custom_index_and_mask = 0xFF000000;
+}
+
+/* Two instances of two BLASes that are built; what is altered is the second. */
+#define PAIR(rule, name, why, expected, says, alter)                                                                   \
+    {rule, name, why, expected, 2, {0, 1}, 2, {GN_BUILT_BEFORE, GN_BUILT_BEFORE}, says, alter}
+/* The second instance is inactive. */
+#define INACTIVE(rule, alter)                                                                                          \
+    {rule, "inactive", "an inactive instance is not judged", 0, 2, {0, NULL_REF}, 1, {GN_BUILT_BEFORE}, NULL, alter}
+/* Four instances of one BLAS. */
+#define FOUR(rule, name, why, expected, says, alter)                                                                   \
+    {rule, name, why, expected, 4, {0, 0, 0, 0}, 1, {GN_BUILT_BEFORE}, says, alter}
 
 static const struct row rows[] = {
     {"build.order.blas_never_built", "never built", "nothing ever built it", 1, 1, {0}, 1, {GN_BUILT_NEVER},
-     "instance 0 of 1 of TLAS \"scene\" (0x7) refers to BLAS \"tree 0\" (0x100)"},
-    {"build.order.blas_never_built", "built before", "the usual order", 0, 1, {0}, 1, {GN_BUILT_BEFORE}, NULL},
+     "instance 0 of 1 of TLAS \"scene\" (0x7) refers to BLAS \"tree 0\" (0x100)", NULL},
+    {"build.order.blas_never_built", "built before", "the usual order", 0, 1, {0}, 1, {GN_BUILT_BEFORE}, NULL, NULL},
     {"build.order.blas_never_built", "built later", "submission order decides, so a later build is too late", 1, 1, {0}, 1,
-     {GN_BUILT_LATER}, "its first build was submitted only after this one"},
+     {GN_BUILT_LATER}, "its first build was submitted only after this one", NULL},
     {"build.order.blas_never_built", "same call", "unordered within one call, which is another rule's matter", 0, 1, {0}, 1,
-     {GN_BUILT_SAME_CALL}, NULL},
+     {GN_BUILT_SAME_CALL}, NULL, NULL},
     {"build.order.blas_never_built", "other queue", "a build that nothing observed orders may have come first", 0, 1, {0}, 1,
-     {GN_BUILT_UNORDERED}, NULL},
+     {GN_BUILT_UNORDERED}, NULL, NULL},
     {"build.order.blas_never_built", "null reference", "an inactive instance refers to nothing", 0, 2, {NULL_REF, 0}, 1,
-     {GN_BUILT_BEFORE}, NULL},
+     {GN_BUILT_BEFORE}, NULL, NULL},
     {"build.order.blas_never_built", "unknown reference", "what is not a known structure belongs to another rule", 0, 1,
-     {UNKNOWN}, 0, {0}, NULL},
+     {UNKNOWN}, 0, {0}, NULL, NULL},
     {"build.order.blas_never_built", "second instance", "the index named is that of the offending instance", 1, 3, {1, 0, 1}, 2,
-     {GN_BUILT_NEVER, GN_BUILT_BEFORE}, "instance 1 of 3"},
+     {GN_BUILT_NEVER, GN_BUILT_BEFORE}, "instance 1 of 3", NULL},
     {"build.order.blas_never_built", "two of a kind", "instances of one BLAS are one finding with a count", 1, 3, {0, 0, 0}, 1,
-     {GN_BUILT_NEVER}, "instance 0 of 3"},
+     {GN_BUILT_NEVER}, "instance 0 of 3", NULL},
     {"build.order.blas_never_built", "two BLASes", "two BLASes are two findings", 2, 2, {0, 1}, 2,
-     {GN_BUILT_NEVER, GN_BUILT_LATER}, NULL},
-    {"build.order.blas_never_built", "no instances", "an empty TLAS refers to nothing", 0, 0, {0}, 0, {0}, NULL},
+     {GN_BUILT_NEVER, GN_BUILT_LATER}, NULL, NULL},
+    {"build.order.blas_never_built", "no instances", "an empty TLAS refers to nothing", 0, 0, {0}, 0, {0}, NULL, NULL},
+
+    PAIR("build.order.same_call", "built beside it", "nothing orders two builds of one command", 1, "instance 1 of 2", same_call),
+    PAIR("build.order.same_call", "built before", "the usual order", 0, NULL, NULL),
+    PAIR("build.order.same_call", "destroyed", "the reference is wrong in itself", 0, NULL, destroyed),
+
+    {"instances.reference_unknown", "unknown", "no structure has that address", 1, 2, {0, UNKNOWN}, 1, {GN_BUILT_BEFORE},
+     "instance 1 of 2", NULL},
+    {"instances.reference_unknown", "odd", "no address is odd", 1, 1, {UNKNOWN}, 0, {0}, "a multiple of 256", odd_address},
+    {"instances.reference_unknown", "not sure", "some structure's address is not known", 0, 1, {UNKNOWN}, 0, {0}, NULL, unsure},
+    {"instances.reference_unknown", "inactive", "0 refers to nothing", 0, 1, {NULL_REF}, 0, {0}, NULL, NULL},
+    {"instances.reference_unknown", "many", "one finding for a TLAS, however many", 1, 3, {UNKNOWN, UNKNOWN, UNKNOWN}, 0, {0},
+     "(the first of 3 such)", NULL},
+    PAIR("instances.reference_unknown", "destroyed", "it was destroyed before", 1, "BLAS \"tree 1\" (0x101), which was destroyed",
+         destroyed),
+    PAIR("instances.reference_unknown", "alive", "the usual", 0, NULL, NULL),
+
+    PAIR("instances.reference_tlas", "TLAS", "no nesting", 1, "instance 1 of 2", is_top),
+    PAIR("instances.reference_tlas", "BLAS", "the usual", 0, NULL, NULL),
+
+    PAIR("instances.flags_reserved", "undefined", "0x10 belongs to an extension", 1, "flags 0x12, of which 0x10", flag_0x10),
+    PAIR("instances.flags_reserved", "defined", "the extension is enabled", 0, NULL, flag_0x10_defined),
+    INACTIVE("instances.flags_reserved", masked_out_and_inactive),
+
+    PAIR("instances.matrix_singular", "zero", "scaled to a point", 1, "instance 1 of 2", matrix_zero),
+    PAIR("instances.matrix_singular", "dependent", "exactly singular, at very different scales", 1, NULL, matrix_dependent),
+    PAIR("instances.matrix_singular", "nearly dependent", "one last bit away from it", 0, NULL, matrix_nearly_dependent),
+    PAIR("instances.matrix_singular", "denormal", "the smallest scale there is", 0, NULL, matrix_denormal),
+    PAIR("instances.matrix_singular", "huge", "the largest scale there is", 0, NULL, matrix_huge),
+    PAIR("instances.matrix_singular", "NaN", "not invertible", 1, NULL, matrix_nan),
+    PAIR("instances.matrix_singular", "translation", "is another rule's matter", 0, NULL, translation_infinite),
+    INACTIVE("instances.matrix_singular", masked_out_and_inactive),
+
+    PAIR("instances.translation_not_finite", "infinite", "no ray gets there", 1, "moved by (0, inf, 0)", translation_infinite),
+    PAIR("instances.translation_not_finite", "matrix", "is another rule's matter", 0, NULL, matrix_nan),
+    INACTIVE("instances.translation_not_finite", masked_out_and_inactive),
+
+    PAIR("instances.mask_zero", "all", "nothing is hit", 1, "each of the 2 active", masks_0),
+    PAIR("instances.mask_zero", "one", "hidden on purpose", 0, NULL, mask_0),
+    INACTIVE("instances.mask_zero", mask_0),
+    {"instances.mask_zero", "empty", "no instance is active", 0, 1, {NULL_REF}, 0, {0}, NULL, masks_0},
+
+    PAIR("instances.mask_undeclared", "overflow", "the index ran over into the mask", 1, "0x01000005", overflow_declared),
+    PAIR("instances.mask_undeclared", "declared", "all masks are 0xFF", 0, NULL, masks_declared),
+    PAIR("instances.mask_undeclared", "no declaration", "every mask is as good as another", 0, NULL, mask_0),
+    INACTIVE("instances.mask_undeclared", masked_out_and_inactive),
+
+    PAIR("instances.custom_index_bound", "at the bound", "the bound is exclusive", 1, "index 5", index_bound_5),
+    PAIR("instances.custom_index_bound", "below", "the bound is exclusive", 0, NULL, index_bound_6),
+    PAIR("instances.custom_index_bound", "no bound", "any index is fine", 0, NULL, masks_0),
+    INACTIVE("instances.custom_index_bound", masked_out_and_inactive),
+
+    FOUR("instances.custom_index_overflow", "runs over", "counts by one through 2^24", 1, "from instance 1 to 2", words_run_over),
+    FOUR("instances.custom_index_overflow", "at once", "counts by five, in the first step", 1, "from instance 0 to 1",
+         words_run_over_at_once),
+    FOUR("instances.custom_index_overflow", "wraps", "the index starts again and the mask stays", 0, NULL, words_wrap_within),
+    FOUR("instances.custom_index_overflow", "by chance", "the steps differ", 0, NULL, words_by_chance),
+    FOUR("instances.custom_index_overflow", "mask beside index", "both count, each for itself", 0, NULL, words_of_two_masks),
 };
 
 #define ROW_COUNT (sizeof rows / sizeof rows[0])
@@ -92,23 +327,41 @@ static struct gn_report report_into(struct collected *out)
 
 static void run_row(const struct row *row, struct gn_report *report)
 {
-    struct gn_structure structures[MAX_STRUCTURES];
-    struct gn_instance_record records[MAX_INSTANCES] = {{{0}, 0, 0, 0}};
+    struct subject subject = {.build = {.tlas = {GN_OBJECT_TLAS, 7, "scene"},
+                                        .tlas_id = 1,
+                                        .place = "a test",
+                                        .instance_count = row->instance_count,
+                                        .refers_to = row->refers_to,
+                                        .structure_count = row->structure_count,
+                                        .references_sure = true,
+                                        .valid_flags = 0x0F}};
     char names[MAX_STRUCTURES][16];
     for (uint32_t i = 0; i < row->structure_count; i++) {
         snprintf(names[i], sizeof names[i], "tree %u", i);
-        structures[i] = (struct gn_structure){
+        subject.structures[i] = (struct gn_structure){
             .object = {GN_OBJECT_BLAS, 0x100 + i, names[i]}, .id = 10 + i, .address = 0x1000 * (i + 1), .built = row->built[i]};
     }
-    struct gn_tlas_build build = {.tlas = {GN_OBJECT_TLAS, 7, "scene"},
-                                  .tlas_id = 1,
-                                  .place = "a test",
-                                  .instance_count = row->instance_count,
-                                  .instances = records,
-                                  .refers_to = row->refers_to,
-                                  .structure_count = row->structure_count,
-                                  .structures = structures};
-    gn_rules_judge_tlas_build(&build, report);
+    for (uint32_t i = 0; i < MAX_INSTANCES; i++) {
+        uint32_t index = i < row->instance_count ? row->refers_to[i] : NULL_REF;
+        subject.records[i] = (struct gn_instance_record){
+            .object_to_world = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+            .custom_index_and_mask = 0xFF000000,
+            .reference = index == NULL_REF ? 0 : index == UNKNOWN ? 0x7700 : 0x1000 * (index + 1)};
+    }
+    if (row->alter)
+        row->alter(&subject);
+    subject.build.instances = subject.records;
+    subject.build.structures = subject.structures;
+    gn_rules_judge_tlas_build(&subject.build, report);
+}
+
+/* Only the rule of the row: that others have more to say is not the row's matter. */
+static void enable_only(struct gn_report *report, const char *id)
+{
+    report->enabled = (struct gn_rule_set){{0}};
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        if (strcmp(gn_rules_at(i)->id, id) == 0)
+            gn_rule_set_put(&report->enabled, i, true);
 }
 
 static void every_row(void **state)
@@ -118,6 +371,7 @@ static void every_row(void **state)
     for (size_t i = 0; i < ROW_COUNT; i++) {
         struct collected out = {.findings = 0};
         struct gn_report report = report_into(&out);
+        enable_only(&report, rows[i].rule);
         run_row(&rows[i], &report);
         bool counted = out.findings == rows[i].expected;
         bool said = !rows[i].says || strstr(out.first, rows[i].says);
@@ -217,6 +471,65 @@ static void repeats_are_counted_not_told(void **state)
     assert_int_equal(out.repeats, 4);
 }
 
+/* Against exact arithmetic in integers, with matrices that are often singular or nearly so. */
+__extension__ typedef __int128 wide;
+
+static void orientation_agrees_with_integers(void **state)
+{
+    (void)state;
+    uint64_t seed = 88172645463325252u;
+    int signs[3] = {0};
+    for (int round = 0; round < 300000; round++) {
+        int64_t m[9];
+        float object_to_world[12] = {0};
+        for (int i = 0; i < 9; i++) {
+            seed ^= seed << 13, seed ^= seed >> 7, seed ^= seed << 17;
+            int bits = round % 3 == 0 ? 2 : 24;
+            m[i] = (int64_t)(seed >> 20 & ((1u << bits) - 1)) - (1 << (bits - 1));
+        }
+        if (round % 3 == 1) /* the third row is nearly the sum of the others, halved so that it fits */
+            for (int i = 0; i < 3; i++)
+                m[6 + i] = (m[i] / 4 + m[3 + i] / 4);
+        if (round % 3 == 1)
+            for (int i = 0; i < 6; i++)
+                m[i] = m[i] / 4 + (i == round % 7);
+        if (round % 3 == 2) /* the largest values that are exact, with rows in proportion */
+            for (int i = 0; i < 3; i++)
+                m[3 + i] = -m[i];
+        wide determinant = (wide)m[0] * (m[4] * m[8] - m[5] * m[7]) - (wide)m[1] * (m[3] * m[8] - m[5] * m[6]) +
+                               (wide)m[2] * (m[3] * m[7] - m[4] * m[6]);
+        int expected = (determinant > 0) - (determinant < 0);
+        for (int i = 0; i < 9; i++) /* each row with a scale of its own */
+            object_to_world[i / 3 * 4 + i % 3] = (float)m[i] * (i < 3 ? 0x1p100f : i < 6 ? 0x1p-120f : 1);
+        int found = gn_transform_orientation_exact(object_to_world);
+        if (found != expected)
+            fail_msg("round %d: expected %d, found %d", round, expected, found);
+        signs[expected + 1]++;
+    }
+    assert_true(signs[0] > 10000 && signs[1] > 10000 && signs[2] > 10000);
+}
+
+static void the_packer_refuses_what_does_not_fit(void **state)
+{
+    (void)state;
+    static const struct {
+        uint32_t index, mask, offset, flags, words[2];
+        bool fits;
+    } table[] = {{0, 0, 0, 0, {0, 0}, true},
+                 {0xFFFFFF, 0xFF, 0xFFFFFF, 0xFF, {0xFFFFFFFF, 0xFFFFFFFF}, true},
+                 {5, 1, 7, 2, {0x01000005, 0x02000007}, true},
+                 {0x1000000, 0, 0, 0, {9, 9}, false},
+                 {0, 0x100, 0, 0, {9, 9}, false},
+                 {0, 0, 0x1000000, 0, {9, 9}, false},
+                 {0, 0, 0, 0x100, {9, 9}, false}};
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        uint32_t words[2] = {9, 9};
+        assert_int_equal(gn_instance_pack(table[i].index, table[i].mask, table[i].offset, table[i].flags, words), table[i].fits);
+        assert_int_equal(words[0], table[i].words[0]);
+        assert_int_equal(words[1], table[i].words[1]);
+    }
+}
+
 static void patterns_select_by_id(void **state)
 {
     static const struct {
@@ -268,6 +581,8 @@ int main(void)
         cmocka_unit_test(every_block_is_complete),
         cmocka_unit_test(disabled_rules_do_not_run),
         cmocka_unit_test(repeats_are_counted_not_told),
+        cmocka_unit_test(orientation_agrees_with_integers),
+        cmocka_unit_test(the_packer_refuses_what_does_not_fit),
         cmocka_unit_test(patterns_select_by_id),
         cmocka_unit_test(names_go_both_ways),
     };

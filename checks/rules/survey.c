@@ -1,0 +1,159 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The survey of a TLAS build's instances, and the exact sign of a determinant. */
+#include "checks/rules/survey.h"
+
+#include <string.h>
+
+/* Products of two floats are exact in double. A product of three needs at most 72 bits, between 2^-447 and 2^384: its two parts
+ * are exact doubles, and nothing overflows or underflows. */
+static void product_exact(double two_factors, double third, double *out_high, double *out_low)
+{
+    const double splitter = 134217729; /* 2^27 + 1 */
+    double product = two_factors * third;
+    double c = splitter * two_factors;
+    double high = c - (c - two_factors), low = two_factors - high;
+    /* `third` has 24 bits, so that both partial products are exact. */
+    *out_high = product;
+    *out_low = (high * third - product) + low * third;
+}
+
+/* Adds `value` to an expansion: terms that do not overlap, in rising order of magnitude, whose sum is exact. */
+static int expansion_grow(double *terms, int count, double value)
+{
+    double sum = value;
+    int kept = 0;
+    for (int i = 0; i < count; i++) {
+        double a = sum, b = terms[i];
+        sum = a + b;
+        double b_seen = sum - a;
+        double rest = (a - (sum - b_seen)) + (b - b_seen);
+        if (rest != 0)
+            terms[kept++] = rest;
+    }
+    if (sum != 0)
+        terms[kept++] = sum;
+    return kept;
+}
+
+/* The six products of the determinant: columns taken from rows 0, 1 and 2, and the sign. */
+static const struct {
+    unsigned char column[3];
+    signed char sign;
+} permutations[6] = {{{0, 1, 2}, 1}, {{1, 2, 0}, 1}, {{2, 0, 1}, 1}, {{2, 1, 0}, -1}, {{1, 0, 2}, -1}, {{0, 2, 1}, -1}};
+
+/* Not by conversion: an application may have told the processor to take denormal floats for zero. */
+static double widen(float value)
+{
+    uint32_t bits;
+    memcpy(&bits, &value, sizeof bits);
+    if (bits & 0x7F800000u)
+        return value;
+    return (bits >> 31 ? -0x1p-149 : 0x1p-149) * (double)(bits & 0x7FFFFFu);
+}
+
+static int orientation_slow(const float m[12])
+{
+    double terms[12];
+    int count = 0;
+    for (int i = 0; i < 6; i++) {
+        double pair = widen(m[permutations[i].column[0]]) * widen(m[4 + permutations[i].column[1]]);
+        double high, low;
+        product_exact(permutations[i].sign * pair, widen(m[8 + permutations[i].column[2]]), &high, &low);
+        count = expansion_grow(terms, count, low);
+        count = expansion_grow(terms, count, high);
+    }
+    if (!count)
+        return 0;
+    return terms[count - 1] > 0 ? 1 : -1; /* the largest term decides */
+}
+
+static double absolute(double value)
+{
+    return value < 0 ? -value : value;
+}
+
+int gn_transform_orientation_exact(const float m[12])
+{
+    double a = (double)m[0] * ((double)m[5] * m[10]), b = (double)m[1] * ((double)m[6] * m[8]);
+    double c = (double)m[2] * ((double)m[4] * m[9]), d = (double)m[2] * ((double)m[5] * m[8]);
+    double e = (double)m[1] * ((double)m[4] * m[10]), f = (double)m[0] * ((double)m[6] * m[9]);
+    double value = (a + b + c) - (d + e + f);
+    /* Each product is rounded once, each of five additions once: in all at most 6 units of 2^-53 times the sum of the
+     * magnitudes, with terms of second order far below the two units to spare. The sum itself may be rounded down a little. */
+    double bound = (absolute(a) + absolute(b) + absolute(c) + absolute(d) + absolute(e) + absolute(f)) * 0x1p-50;
+    if (value > bound)
+        return 1;
+    if (value < -bound)
+        return -1;
+    return orientation_slow(m);
+}
+
+static void note(struct gn_survey_class *out, uint32_t index)
+{
+    if (!out->count++)
+        out->first = index;
+}
+
+/* The exponent of a float is all ones in infinities and NaNs: one more there carries into the sign. */
+static uint32_t finite_sign(uint32_t word)
+{
+    return (word & 0x7FFFFFFFu) + 0x00800000u;
+}
+
+/* Which of the 12 floats are not finite: the top bit of out[0] for the 3x3 part, of out[1] for the translation. */
+static void not_finite(const uint32_t *words, uint32_t out[2])
+{
+    uint32_t columns[4] = {0, 0, 0, 0};
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 4; column++)
+            columns[column] |= finite_sign(words[row * 4 + column]);
+    out[0] = columns[0] | columns[1] | columns[2];
+    out[1] = columns[3];
+}
+
+/* Whether word `i` carried out of the 24 bits of the index: three neighbours rise by the same small step, and the mask changes with
+ * the second or third. Instances of their own accord do not count through two fields at once. */
+static bool carries(const struct gn_instance_record *instances, uint32_t count, uint32_t i)
+{
+    if (i == 0)
+        return false;
+    uint32_t before = instances[i - 1].custom_index_and_mask, word = instances[i].custom_index_and_mask, step = word - before;
+    if ((word >> 24) == (before >> 24) || !step || step > 0xFFFFu)
+        return false;
+    return (i >= 2 && before - instances[i - 2].custom_index_and_mask == step) ||
+           (i + 1 < count && instances[i + 1].custom_index_and_mask - word == step);
+}
+
+void gn_survey_instances(const struct gn_tlas_build *build, struct gn_survey *out)
+{
+    memset(out, 0, sizeof *out);
+    uint32_t last_mask = build->instance_count ? build->instances[0].custom_index_and_mask >> 24 : 0;
+    for (uint32_t i = 0; i < build->instance_count; i++) {
+        const struct gn_instance_record *instance = &build->instances[i];
+        uint32_t mask = instance->custom_index_and_mask >> 24;
+        if (mask != last_mask) {
+            last_mask = mask;
+            if (instance->reference && instance[-1].reference && carries(build->instances, build->instance_count, i))
+                note(&out->carry, i);
+        }
+        if (!instance->reference)
+            continue;
+        out->active++;
+        if (!mask)
+            note(&out->mask_zero, i);
+        if (build->declared_masks && !(build->declared_masks[mask / 64] >> (mask % 64) & 1))
+            note(&out->mask_undeclared, i);
+        if (build->custom_index_bound && (instance->custom_index_and_mask & 0xFFFFFFu) >= build->custom_index_bound)
+            note(&out->index_above, i);
+        if (instance->sbt_offset_and_flags >> 24 & ~build->valid_flags)
+            note(&out->bad_flags, i);
+        uint32_t words[12];
+        memcpy(words, instance->object_to_world, sizeof words);
+        uint32_t infinite[2];
+        not_finite(words, infinite);
+        if (infinite[1] >> 31)
+            note(&out->bad_translation, i);
+        if (infinite[0] >> 31 || gn_transform_orientation_exact(instance->object_to_world) == 0)
+            note(&out->bad_matrix, i);
+    }
+}
