@@ -46,16 +46,19 @@ bool gn_output_open(struct gn_output *output, const char *folder, struct gn_resu
     *out_exit_status = 2;
     if (!gn_folder_create(folder, out_error, error_size))
         goto done;
+    output->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    if (output->lock < 0)
+        output->lock = 0; /* a folder that may be written but not read cannot be locked */
+    if (output->lock && flock(output->lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+        snprintf(out_error, error_size, "%s is in use by another run; choose another folder with --out",
+                 folder);
+        goto done;
+    }
     output->fd = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
     if (output->fd < 0) {
         *out_exit_status = errno == ENOSPC || errno == EDQUOT ? 3 : 2;
         snprintf(out_error, error_size, "cannot write %s: %s", path, strerror(errno));
         output->fd = 0;
-        goto done;
-    }
-    if (flock(output->fd, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-        snprintf(out_error, error_size, "%s is in use by another run; choose another folder with --out",
-                 folder);
         goto done;
     }
     /* An earlier file that cannot be understood only matters to --resume, which reads it again. */
@@ -318,4 +321,7 @@ void gn_output_close(struct gn_output *output)
     if (output->fd > 0)
         close(output->fd);
     output->fd = 0;
+    if (output->lock > 0)
+        close(output->lock);
+    output->lock = 0;
 }

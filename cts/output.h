@@ -9,6 +9,7 @@
 struct gn_output {
     const char *folder;
     int fd;         /* results.jsonl; 0: none */
+    int lock;       /* the folder, locked as long as it is open; 0: none */
     int64_t length; /* of its whole lines */
 };
 

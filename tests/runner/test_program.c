@@ -453,7 +453,7 @@ static void in_use(void **state)
 {
     (void)state;
     mkdir("busy", 0777);
-    int fd = open("busy/results.jsonl", O_WRONLY | O_CREAT, 0666);
+    int fd = open("busy", O_RDONLY | O_DIRECTORY);
     assert_int_equal(flock(fd, LOCK_EX), 0);
     struct outcome outcome = RUN("run", FEW, "--out", "busy");
     expect_status(&outcome, 2, "in use by another run");

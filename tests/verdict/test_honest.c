@@ -261,6 +261,7 @@ static void test_honest_implementations(void **state)
     const char *scale = getenv("GNOMON_HONEST_SCENES");
     const int scenes = scale ? atoi(scale) : 6, rays = 3000;
     struct gn_random random = {42};
+    uint64_t unstable_leaks = 0;
     static struct mesh mesh;
     printf("%-22s %-28s %9s %9s %9s %9s %7s %7s %7s\n", "setting", "implementation", "error avg", "error max", "bound of it",
            "margin", "leaks", "gaps", "wrong");
@@ -313,7 +314,7 @@ static void test_honest_implementations(void **state)
                    hits > 0 ? sum / hits : 0, worst, worst_bound, margin, (unsigned long long)counts[GN_REF_LEAK],
                    (unsigned long long)counts[GN_REF_GAP], (unsigned long long)counts[GN_REF_WRONG]);
             if (kind == MOELLER_TRUMBORE) {
-                assert_true(counts[GN_REF_LEAK] > 0);
+                unstable_leaks += counts[GN_REF_LEAK];
                 continue;
             }
             if (counts[GN_REF_WRONG])
@@ -322,6 +323,7 @@ static void test_honest_implementations(void **state)
             if (kind == WATERTIGHT)
                 assert_int_equal(counts[GN_REF_LEAK], 0);
         }
+    assert_true(unstable_leaks > 0);
 }
 
 int main(void)
