@@ -24,6 +24,15 @@ void gn_stability_scene(const struct gn_sweep_request *request, const struct gn_
     out->rays = GN_NEW(request->arena, struct gn_cts_ray, request->ray_count);
 }
 
+void gn_stability_aim(const struct gn_sweep_request *request, const struct gn_mesh *mesh,
+                      const struct gn_aim_options *options, struct gn_cts_ray *ray)
+{
+    float *direction = ray->ray.direction;
+    gn_rays_aimed_with(request->random, mesh, options, ray, 1);
+    if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
+        direction[2] = gn_random_below(request->random, 2) ? 4 : -4;
+}
+
 void gn_stability_mesh(const struct gn_sweep_request *request, const struct gn_mesh *mesh,
                        const struct gn_aim_options *options, struct gn_stability_aims aims,
                        struct gn_sweep_scene *out)
@@ -40,11 +49,7 @@ void gn_stability_mesh(const struct gn_sweep_request *request, const struct gn_m
         while (turn >= shares[kind])
             turn -= shares[kind++];
         aimed.aim = (enum gn_aim)kind;
-        gn_rays_aimed_with(request->random, mesh, &aimed, &out->rays[i], 1);
-        /* So far away that origin and target are one and the same. */
-        float *direction = out->rays[i].ray.direction;
-        if (direction[0] == 0 && direction[1] == 0 && direction[2] == 0)
-            direction[2] = gn_random_below(request->random, 2) ? 4 : -4;
+        gn_stability_aim(request, mesh, &aimed, &out->rays[i]);
     }
 }
 
@@ -75,6 +80,8 @@ struct gn_mesh gn_stability_triangles(struct gn_arena *arena, uint32_t count)
 #define PLACED "the ray is moved to the space of the instance by its transform (ray traversal; instances)"
 #define FACING "facing is that of object space, which a mirrored instance does not turn over (ray intersection culling)"
 #define TWICE "vertices are moved by the geometry's transform, then by the instance's (geometry; instances)"
+#define READ "a query gives both matrices of the instance, and the ray in its space (ray query; ray traversal)"
+#define POSITIONS "a query gives the vertices of the hit, after the geometry's transform (position fetch)"
 #define RANGE "triangles are met where tmin < t < tmax, the ends excluded (ray intersection candidate determination)"
 #define SURFACE "a hit at t = tmin is none (ray intersection candidate determination)"
 #define BOX                                                                                                  \
@@ -121,6 +128,8 @@ static const struct gn_case cases[] = {
     SWEEP("instance.large", PLACED, instance_large),
     SWEEP("instance.small", PLACED, instance_small),
     SWEEP("instance.and_geometry", TWICE, two_transforms),
+    SWEEP("instance.read_back", READ, read_back),
+    SWEEP("geometry.read_back", POSITIONS, positions),
     SWEEP("direction.long", DIRECTIONS, direction_long),
     SWEEP("direction.short", DIRECTIONS, direction_short),
     SWEEP("direction.tiny_component", ZEROS, component_tiny),

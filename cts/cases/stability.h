@@ -40,6 +40,9 @@ struct gn_stability_aims {
 void gn_stability_mesh(const struct gn_sweep_request *request, const struct gn_mesh *mesh,
                        const struct gn_aim_options *options, struct gn_stability_aims aims,
                        struct gn_sweep_scene *out);
+/* One aimed ray; from so far away that origin and target round to the same, it gets some direction. */
+void gn_stability_aim(const struct gn_sweep_request *request, const struct gn_mesh *mesh,
+                      const struct gn_aim_options *options, struct gn_cts_ray *ray);
 /* The scene alone, with room for the request's rays. */
 void gn_stability_scene(const struct gn_sweep_request *request, const struct gn_mesh *mesh,
                         const float *geometry_transform, const float *instance_transform,
@@ -64,7 +67,8 @@ extern const struct gn_sweep gn_stability_grazing_level, gn_stability_grazing_ti
 /* stability_transforms.c */
 extern const struct gn_sweep gn_stability_instance_far, gn_stability_rotation, gn_stability_shear,
     gn_stability_stretch, gn_stability_stretch_turned, gn_stability_mirrored, gn_stability_singular,
-    gn_stability_instance_large, gn_stability_instance_small, gn_stability_two_transforms, gn_stability_instances;
+    gn_stability_instance_large, gn_stability_instance_small, gn_stability_two_transforms, gn_stability_instances,
+    gn_stability_read_back, gn_stability_positions;
 
 /* stability_rays.c */
 extern const struct gn_sweep gn_stability_direction_long, gn_stability_direction_short, gn_stability_component_tiny,

@@ -57,12 +57,13 @@ static void scale(const struct gn_sweep_request *request, struct gn_sweep_scene 
 #define CUBES "products of three lengths have to be normal in f32, with 24 bits below them"
 const struct gn_sweep gn_stability_scale_large = {
     "size of the scene", "",
-    GN_SWEEP_VALUES(1, 0x1p5, 0x1p10, 0x1p15, 0x1p20, 0x1p25, 0x1p30, 0x1p35, 0x1p40, 0x1p45, 0x1p50, 0x1p55, 0x1p60),
+    GN_SWEEP_VALUES(1, 0x1p5, 0x1p10, 0x1p15, 0x1p20, 0x1p25, 0x1p30, 0x1p35, 0x1p40, 0x1p45, 0x1p50, 0x1p60,
+                    0x1p80, 0x1p100),
     GN_SWEEP_CUBE, CUBES, 1000, scale, NULL};
 const struct gn_sweep gn_stability_scale_small = {
     "size of the scene", "",
     GN_SWEEP_VALUES(1, 0x1p-5, 0x1p-10, 0x1p-15, 0x1p-20, 0x1p-25, 0x1p-30, 0x1p-35, 0x1p-40, 0x1p-45, 0x1p-50,
-                    0x1p-55, 0x1p-60),
+                    0x1p-60, 0x1p-80, 0x1p-100),
     1 / GN_SWEEP_CUBE, CUBES, 1000, scale, NULL};
 
 /* Meshes side by side, from the smallest to the largest, which is `value` times as large. */

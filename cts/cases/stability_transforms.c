@@ -50,158 +50,224 @@ static void store_turned(struct gn_random *random, const double middle[9], doubl
     store(random, all, move, out);
 }
 
-static void placed(const struct gn_sweep_request *request, const struct gn_mesh *mesh, const float *instance,
-                   double distance, struct gn_sweep_scene *out)
+/*
+ * One transform of a value, and for some the geometry's too; gives the distance that rays should come from. A value is
+ * tried on several of them.
+ */
+typedef double transform_maker(struct gn_random *random, double value, float instance[12], float geometry[12]);
+
+struct placement {
+    transform_maker *make;
+    bool geometry; /* the geometry has a transform as well */
+    bool shrunk; /* the mesh is as thin as the instance is stretched */
+    bool culled; /* back or front faces are culled for two rays in three */
+    enum gn_cts_program program;
+};
+
+/* Instances of a mesh, each for the rays of its own bit of the mask, so that none hides another. */
+static void placed(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
 {
-    struct gn_aim_options options = {.instance_transform = instance, .distance = distance};
-    gn_stability_mesh(request, mesh, &options, (struct gn_stability_aims){.interior = 4, .edge = 1}, out);
+    enum { PLACES = 8 };
+    static const uint32_t flags[3] = {0, GN_REF_RAY_CULL_BACK_FACING, GN_REF_RAY_CULL_FRONT_FACING};
+    const struct placement *placement = request->params;
+    struct gn_mesh mesh = blob(request);
+    if (placement->shrunk)
+        mesh = gn_mesh_scaled(request->arena, &mesh, 1 / request->value, 1, request->value, 0, 0, 0);
+    struct gn_cts_blas *blases = GN_NEW(request->arena, struct gn_cts_blas, PLACES);
+    struct gn_cts_geometry *geometries = GN_NEW(request->arena, struct gn_cts_geometry, PLACES);
+    struct gn_cts_instance *all = GN_NEW(request->arena, struct gn_cts_instance, PLACES);
+    float(*transforms)[12] = gn_arena_alloc(request->arena, PLACES, sizeof *transforms);
+    double distance[PLACES];
+    for (uint32_t i = 0; i < PLACES; i++) {
+        geometries[i] = gn_geometry_of_mesh(&mesh);
+        geometries[i].flags = GN_REF_GEOMETRY_OPAQUE;
+        if (placement->geometry)
+            geometries[i].transform = transforms[i];
+        blases[i].geometries = &geometries[i];
+        blases[i].geometry_count = 1;
+        all[i] = gn_instance_of(i, NULL);
+        all[i].mask = 1u << i;
+        all[i].custom_index = i;
+        distance[i] = placement->make(request->random, request->value, all[i].transform, transforms[i]);
+    }
+    out->scene = (struct gn_cts_scene){
+        .blases = blases, .blas_count = PLACES, .instances = all, .instance_count = PLACES};
+    out->program = placement->program;
+    out->ray_count = request->ray_count;
+    out->rays = GN_NEW(request->arena, struct gn_cts_ray, request->ray_count);
+    for (uint32_t i = 0; i < out->ray_count; i++) {
+        uint32_t at = i % PLACES;
+        struct gn_aim_options options = {.geometry_transform = geometries[at].transform,
+                                         .instance_transform = all[at].transform,
+                                         .aim = i / PLACES % 5 ? GN_AIM_INTERIOR : GN_AIM_EDGE,
+                                         .distance = distance[at]};
+        gn_stability_aim(request, &mesh, &options, &out->rays[i]);
+        out->rays[i].ray.cull_mask = 1u << at;
+        if (placement->culled)
+            out->rays[i].ray.flags = flags[i / PLACES % 3];
+    }
 }
 
-static void instance_far(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double far_away(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    const double by[3] = {request->value, -0.75 * request->value, 0.5 * request->value};
-    struct gn_mesh mesh = blob(request);
-    float instance[12];
-    gn_transform_random(request->random, 1, 1, 0, false, instance);
+    const double by[3] = {value, -0.75 * value, 0.5 * value};
+    (void)geometry;
+    gn_transform_random(random, 1, 1, 0, false, instance);
     for (int r = 0; r < 3; r++)
         instance[4 * r + 3] = (float)by[r];
-    placed(request, &mesh, instance, 4, out);
+    return 4;
 }
 const struct gn_sweep gn_stability_instance_far = {
     "distance of the instance from the origin", "", GN_SWEEP_DECADES, 1e6,
-    "beyond, the rounding of the ray's origin exceeds the triangles, and nothing is left to decide", 1000, instance_far,
-    NULL};
+    "beyond, the rounding of the ray's origin exceeds the triangles, and nothing is left to decide", 1000, placed,
+    &(const struct placement){.make = far_away}};
 
-static void rotation(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double rotated(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double angle = request->value * PI / 180, c = cos(angle), s = sin(angle);
+    double angle = value * PI / 180, c = cos(angle), s = sin(angle), both[9];
     const double about_z[9] = {c, -s, 0, s, c, 0, 0, 0, 1}, about_x[9] = {1, 0, 0, 0, c, -s, 0, s, c};
-    struct gn_mesh mesh = blob(request);
-    double both[9];
-    float instance[12];
+    (void)geometry;
     multiply(about_x, about_z, both);
-    store(request->random, both, 1, instance);
-    placed(request, &mesh, instance, 4, out);
+    store(random, both, 1, instance);
+    return 4;
 }
 const struct gn_sweep gn_stability_rotation = {
     "angle of a rotation about two axes", "degrees",
     GN_SWEEP_VALUES(80, 45, 10, 1, 0.1, 1e-2, 1e-3, 1e-4, 1e-5, 1e-6, 1e-7), 1e-7,
-    "a rotation is as well conditioned as can be, however small its sines", 1000, rotation, NULL};
+    "a rotation is as well conditioned as can be, however small its sines", 1000, placed,
+    &(const struct placement){.make = rotated}};
 
-static void shear(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double sheared(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double by = request->value;
-    const double middle[9] = {1, by, -by / 2, 0, 1, 0, 0, 0, 1};
-    struct gn_mesh mesh = blob(request);
-    float instance[12];
-    store_turned(request->random, middle, 1, instance);
-    placed(request, &mesh, instance, 4 + by, out);
+    const double middle[9] = {1, value, -value / 2, 0, 1, 0, 0, 0, 1};
+    (void)geometry;
+    store_turned(random, middle, 1, instance);
+    return 4 + value;
 }
 const struct gn_sweep gn_stability_shear = {
     "shear of a turned instance", "", GN_SWEEP_VALUES(0.01, 0.1, 1, 3, 10, 30, 100, 1e3, 1e4, 1e5, 1e6), 100,
-    "the condition is the shear's square: the inverse's second-order error stays below 1/64 of the first", 1000, shear,
-    NULL};
+    "the condition is the shear's square: the inverse's second-order error stays below 1/64 of the first", 1000, placed,
+    &(const struct placement){.make = sheared}};
 
-/* Along the axes, of a mesh that is as thin as the instance is stretched: the world is an ordinary one. */
-static void stretch(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double stretched(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double by = request->value;
-    const double middle[9] = {by, 0, 0, 0, 1, 0, 0, 0, 1 / by};
-    struct gn_mesh mesh = blob(request);
-    mesh = gn_mesh_scaled(request->arena, &mesh, 1 / by, 1, by, 0, 0, 0);
-    float instance[12];
-    store(request->random, middle, 1, instance);
-    placed(request, &mesh, instance, 4, out);
+    const double middle[9] = {value, 0, 0, 0, 1, 0, 0, 0, 1 / value};
+    (void)geometry;
+    store(random, middle, 1, instance);
+    return 4;
 }
 const struct gn_sweep gn_stability_stretch = {
     "stretch along x, and the other way along z", "", GN_SWEEP_DECADES, 1e9,
-    "each axis is only another scale, and products of three lengths stay normal", 1000, stretch, NULL};
+    "each axis is only another scale, and products of three lengths stay normal", 1000, placed,
+    &(const struct placement){.make = stretched, .shrunk = true}};
 
-static void stretch_turned(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double stretched_turned(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double root = sqrt(request->value);
-    const double middle[9] = {root, 0, 0, 0, 1, 0, 0, 0, 1 / root};
-    struct gn_mesh mesh = blob(request);
-    float instance[12];
-    store_turned(request->random, middle, 1, instance);
-    placed(request, &mesh, instance, 4 + root, out);
+    const double root = sqrt(value), middle[9] = {root, 0, 0, 0, 1, 0, 0, 0, 1 / root};
+    (void)geometry;
+    store_turned(random, middle, 1, instance);
+    return 4 + root;
 }
-const struct gn_sweep gn_stability_stretch_turned = {"condition of a stretch along no axis", "", GN_SWEEP_DECADES,
-                                                     GN_SWEEP_CONDITION, CONDITION, 1000, stretch_turned, NULL};
+const struct gn_sweep gn_stability_stretch_turned = {
+    "condition of a stretch along no axis", "", GN_SWEEP_DECADES, GN_SWEEP_CONDITION, CONDITION, 1000, placed,
+    &(const struct placement){.make = stretched_turned}};
 
-/* Mirrored, and with back or front faces culled for two rays in three: facing is the object's. */
-static void mirrored(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double mirrored(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double root = sqrt(request->value);
-    const double middle[9] = {root, 0, 0, 0, -1, 0, 0, 0, 1 / root};
-    static const uint32_t flags[3] = {0, GN_REF_RAY_CULL_BACK_FACING, GN_REF_RAY_CULL_FRONT_FACING};
-    struct gn_mesh mesh = blob(request);
-    float instance[12];
-    store_turned(request->random, middle, 1, instance);
-    placed(request, &mesh, instance, 4 + root, out);
-    for (uint32_t i = 0; i < out->ray_count; i++)
-        out->rays[i].ray.flags = flags[i % 3];
+    const double root = sqrt(value), middle[9] = {root, 0, 0, 0, -1, 0, 0, 0, 1 / root};
+    (void)geometry;
+    store_turned(random, middle, 1, instance);
+    return 4 + root;
 }
-const struct gn_sweep gn_stability_mirrored = {"condition of a mirrored stretch along no axis", "", GN_SWEEP_DECADES,
-                                               GN_SWEEP_CONDITION, CONDITION, 1000, mirrored, NULL};
+const struct gn_sweep gn_stability_mirrored = {
+    "condition of a mirrored stretch along no axis", "", GN_SWEEP_DECADES, GN_SWEEP_CONDITION, CONDITION, 1000, placed,
+    &(const struct placement){.make = mirrored, .culled = true}};
 
 /* The third column is nearly in the plane of the other two. */
-static void singular(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double singular(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double off = 1 / request->value;
-    const double middle[9] = {1, 0, 0.5, 0, 1, -0.5, 0, 0, off};
-    struct gn_mesh mesh = blob(request);
-    float instance[12];
-    store_turned(request->random, middle, 1, instance);
-    placed(request, &mesh, instance, 4, out);
+    const double middle[9] = {1, 0, 0.5, 0, 1, -0.5, 0, 0, 1 / value};
+    (void)geometry;
+    store_turned(random, middle, 1, instance);
+    return 4;
 }
-const struct gn_sweep gn_stability_singular = {"condition of a nearly singular transform", "", GN_SWEEP_DECADES,
-                                               GN_SWEEP_CONDITION, CONDITION, 1000, singular, NULL};
+const struct gn_sweep gn_stability_singular = {
+    "condition of a nearly singular transform", "", GN_SWEEP_DECADES, GN_SWEEP_CONDITION, CONDITION, 1000, placed,
+    &(const struct placement){.make = singular}};
 
-static void instance_scale(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+static double scaled(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double by = request->value;
-    const double middle[9] = {by, 0, 0, 0, by, 0, 0, 0, by};
-    struct gn_mesh mesh = blob(request);
-    float instance[12];
-    store_turned(request->random, middle, by, instance);
-    placed(request, &mesh, instance, 4 * by, out);
+    const double middle[9] = {value, 0, 0, 0, value, 0, 0, 0, value};
+    (void)geometry;
+    store_turned(random, middle, value, instance);
+    return 4 * value;
 }
 #define CUBES "the determinant is the cube: it has to be normal in f32, with 24 bits below it"
 const struct gn_sweep gn_stability_instance_large = {
     "scale of the instance", "",
-    GN_SWEEP_VALUES(1, 0x1p5, 0x1p10, 0x1p15, 0x1p20, 0x1p25, 0x1p30, 0x1p35, 0x1p40, 0x1p45, 0x1p50, 0x1p55, 0x1p60),
-    GN_SWEEP_CUBE, CUBES, 1000, instance_scale, NULL};
+    GN_SWEEP_VALUES(1, 0x1p5, 0x1p10, 0x1p15, 0x1p20, 0x1p25, 0x1p30, 0x1p35, 0x1p40, 0x1p45, 0x1p50, 0x1p60,
+                    0x1p80, 0x1p100),
+    GN_SWEEP_CUBE, CUBES, 1000, placed, &(const struct placement){.make = scaled}};
 const struct gn_sweep gn_stability_instance_small = {
     "scale of the instance", "",
     GN_SWEEP_VALUES(1, 0x1p-5, 0x1p-10, 0x1p-15, 0x1p-20, 0x1p-25, 0x1p-30, 0x1p-35, 0x1p-40, 0x1p-45, 0x1p-50,
-                    0x1p-55, 0x1p-60),
-    1 / GN_SWEEP_CUBE, CUBES, 1000, instance_scale, NULL};
+                    0x1p-60, 0x1p-80, 0x1p-100),
+    1 / GN_SWEEP_CUBE, CUBES, 1000, placed, &(const struct placement){.make = scaled}};
 
-/* What the geometry's transform stretches, the instance's shrinks again, but along other axes by its own turns. */
-static void two_transforms(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+/* What the geometry's transform stretches, the instance's shrinks again. */
+static double undone(struct gn_random *random, double value, float instance[12], float geometry[12])
 {
-    double root = sqrt(request->value);
-    const double stretch_by[9] = {root, 0, 0, 0, 1, 0, 0, 0, 1 / root}, shrink[9] = {1 / root, 0, 0, 0, 1, 0, 0, 0, root};
-    struct gn_mesh mesh = blob(request);
+    const double root = sqrt(value), stretch_by[9] = {root, 0, 0, 0, 1, 0, 0, 0, 1 / root},
+                 shrink[9] = {1 / root, 0, 0, 0, 1, 0, 0, 0, root};
     double outer[9], inner[9], middle[9], half[9], first[9], second[9], back[9];
-    float geometry[12], instance[12];
-    turn(request->random, outer);
-    turn(request->random, inner);
-    turn(request->random, middle);
+    turn(random, outer);
+    turn(random, inner);
+    turn(random, middle);
     for (int i = 0; i < 9; i++)
         back[i] = middle[3 * (i % 3) + i / 3];
     multiply(middle, stretch_by, half);
     multiply(half, inner, first);
     multiply(outer, shrink, half);
     multiply(half, back, second);
-    store(request->random, first, 1, geometry);
-    store(request->random, second, 1, instance);
-    struct gn_aim_options options = {.geometry_transform = geometry, .instance_transform = instance};
-    gn_stability_mesh(request, &mesh, &options, (struct gn_stability_aims){.interior = 4, .edge = 1}, out);
+    store(random, first, 1, geometry);
+    store(random, second, 1, instance);
+    return 4;
 }
 const struct gn_sweep gn_stability_two_transforms = {
-    "condition of both transforms", "", GN_SWEEP_DECADES, GN_SWEEP_CONDITION, CONDITION, 1000, two_transforms, NULL};
+    "condition of both transforms", "", GN_SWEEP_DECADES, GN_SWEEP_CONDITION, CONDITION, 1000, placed,
+    &(const struct placement){.make = undone, .geometry = true}};
+
+/* Everything that a query says of the hit: both matrices, the ray in object space. */
+static double moved(struct gn_random *random, double value, float instance[12], float geometry[12])
+{
+    (void)geometry;
+    gn_transform_general(random, 0.5, 2, 0.5, value, false, instance);
+    return 4;
+}
+const struct gn_sweep gn_stability_read_back = {
+    "translation of the instance whose matrices are read back", "", GN_SWEEP_DECADES, 1e6,
+    "the translation has no part in the inverse's linear part; beyond, the rays meet nothing that can be told", 500,
+    placed, &(const struct placement){.make = moved, .program = GN_CTS_DETAIL}};
+
+/* Vertex positions of the hit, after a geometry transform along no axis: three products and three sums each. */
+static void positions(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+{
+    double root = sqrt(request->value);
+    const double middle[9] = {root, 0, 0, 0, 1, 0, 0, 0, 1 / root};
+    struct gn_mesh mesh = blob(request);
+    float geometry[12];
+    store_turned(request->random, middle, 1, geometry);
+    struct gn_aim_options options = {.geometry_transform = geometry, .distance = 4 + root};
+    gn_stability_mesh(request, &mesh, &options, (struct gn_stability_aims){.interior = 1}, out);
+    struct gn_cts_blas *blas = GN_NEW(request->arena, struct gn_cts_blas, 1);
+    *blas = out->scene.blases[0];
+    blas->build_flags |= VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR;
+    out->scene.blases = blas;
+    out->program = GN_CTS_POSITIONS;
+}
+const struct gn_sweep gn_stability_positions = {
+    "condition of the geometry transform whose vertices are read back", "", GN_SWEEP_DECADES, 1e9,
+    "a matrix times a vector is as exact as its products, whatever its condition", 500, positions, NULL};
 
 /* Instances of a quad in the same place: every second one exactly, the others moved and turned a little. */
 static void instances(const struct gn_sweep_request *request, struct gn_sweep_scene *out)

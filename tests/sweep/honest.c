@@ -135,6 +135,8 @@ static void answer_ray(const struct gn_sweep_scene *sweep, const float (*inverse
         const struct gn_cts_instance *instance = &scene->instances[i];
         const struct gn_cts_geometry *geometry = &scene->blases[instance->blas].geometries[0];
         struct object_ray ray;
+        if (!(instance->mask & sweep->rays[ray_index].ray.cull_mask))
+            continue;
         object_ray(&sweep->rays[ray_index].ray, instance, inverses[i], &ray);
         if (best->kind != GN_REF_ANSWER_NONE)
             ray.tmax = best->t;
@@ -163,6 +165,34 @@ static void answer_ray(const struct gn_sweep_scene *sweep, const float (*inverse
     }
 }
 
+/* What a query says of the committed hit. */
+static void detail(const struct gn_sweep_scene *sweep, const float (*inverses)[9], uint32_t ray_index,
+                   const struct gn_ref_answer *answer, struct gn_cts_detail *out)
+{
+    const struct gn_ref_ray *ray = &sweep->rays[ray_index].ray;
+    memcpy(out->world_origin, ray->origin, sizeof out->world_origin);
+    memcpy(out->world_direction, ray->direction, sizeof out->world_direction);
+    out->tmin = ray->tmin;
+    out->flags = ray->flags;
+    if (answer->kind == GN_REF_ANSWER_NONE)
+        return;
+    const struct gn_cts_instance *instance = &sweep->scene.instances[answer->instance];
+    const float *back = inverses[answer->instance];
+    struct object_ray object;
+    object_ray(ray, instance, back, &object);
+    memcpy(out->world_from_object, instance->transform, sizeof out->world_from_object);
+    memcpy(out->object_origin, object.origin, sizeof out->object_origin);
+    memcpy(out->object_direction, object.direction, sizeof out->object_direction);
+    for (int r = 0; r < 3; r++) {
+        float translation = 0;
+        for (int c = 0; c < 3; c++) {
+            out->object_from_world[4 * r + c] = back[3 * r + c];
+            translation += back[3 * r + c] * instance->transform[4 * c + 3];
+        }
+        out->object_from_world[4 * r + 3] = -translation;
+    }
+}
+
 void honest_tracer(struct gn_case_run *run, const struct gn_sweep_scene *sweep, void *user)
 {
     const struct gn_cts_scene *scene = &sweep->scene;
@@ -182,8 +212,23 @@ void honest_tracer(struct gn_case_run *run, const struct gn_sweep_scene *sweep, 
         for (uint32_t v = 0; v < geometry->position_count; v++)
             vertex(geometry, v, vertices[b][v]);
     }
-    for (uint32_t r = 0; r < sweep->ray_count; r++)
+    if (sweep->program == GN_CTS_DETAIL)
+        answers.details = GN_NEW(&arena, struct gn_cts_detail, sweep->ray_count);
+    if (sweep->program == GN_CTS_POSITIONS)
+        answers.positions = gn_arena_alloc(&arena, sweep->ray_count, sizeof *answers.positions);
+    for (uint32_t r = 0; r < sweep->ray_count; r++) {
+        const struct gn_ref_answer *answer = &answers.committed[r];
         answer_ray(sweep, (const float(*)[9])inverses, vertices, r, &answers);
+        if (answers.details)
+            detail(sweep, (const float(*)[9])inverses, r, answer, &answers.details[r]);
+        if (answers.positions && answer->kind == GN_REF_ANSWER_TRIANGLE) {
+            const uint32_t blas = scene->instances[answer->instance].blas;
+            for (int c = 0; c < 3; c++)
+                memcpy(answers.positions[r] + 3 * c,
+                       vertices[blas][scene->blases[blas].geometries[0].triangles[answer->primitive][c]],
+                       3 * sizeof(float));
+        }
+    }
     gn_case_judge(run, scene, sweep->program, sweep->rays, sweep->ray_count, 0, &answers);
     gn_arena_finish(&arena);
 }

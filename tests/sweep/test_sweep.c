@@ -143,11 +143,11 @@ static void test_status(void **state)
         const char *message, *why;
     } rows[] = {
         {INFINITY, GN_CASE_PASS, "", "all answers are right"},
-        {0x1p35, GN_CASE_PASS, "", "the first value beyond the judged range only informs"},
-        {0x1p30, GN_CASE_FAIL, "(size of the scene 1.07374e+09)", "the last value of it decides"},
-        {1, GN_CASE_FAIL, "(size of the scene 1)", "and so does the first"},
+        {0x1p70, GN_CASE_PASS, "", "the first value beyond the judged range only informs"},
+        {0x1p60, GN_CASE_FAIL, "(length of the direction 1.15292e+18)", "the last value of it decides"},
+        {1, GN_CASE_FAIL, "(length of the direction 1)", "and so does the first"},
     };
-    const struct gn_case *self = case_named("stability.scale.large");
+    const struct gn_case *self = case_named("stability.direction.long");
     const struct gn_sweep *sweep = sweep_of(self);
     (void)state;
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
@@ -180,16 +180,16 @@ static void test_json(void **state)
 {
     struct gn_case_run run;
     struct gn_arena arena = {0};
-    struct gn_results_case cs = {.name = "query.stability.scale.large"}, back;
+    struct gn_results_case cs = {.name = "query.stability.direction.long"}, back;
     char error[256];
     size_t length;
     (void)state;
-    run_losing(case_named("stability.scale.large"), 0x1p35, &run);
+    run_losing(case_named("stability.direction.long"), 0x1p70, &run);
     cs.curve = run.result.curve;
     cs.curve.points[0].held_error_max = INFINITY;
     char *text = gn_results_case_encode(&cs, &length);
     assert_non_null(text);
-    assert_non_null(strstr(text, "\"left_at\":34359738368.0"));
+    assert_non_null(strstr(text, "\"left_at\":1.1805916207174113e21"));
     if (!gn_results_case_decode(text, length, &arena, &back, error, sizeof error))
         fail_msg("%s", error);
     assert_string_equal(back.curve.parameter, cs.curve.parameter);
@@ -228,15 +228,17 @@ static void test_html(void **state)
     static const struct {
         double lost_from;
         const char *words;
-    } rows[] = {{INFINITY, "no answer leaves the bound up to 2^60."},
-                {0x1p35, "answers leave the bound first at 2^35</b>, 50 of 50 rays wrong, beyond what is judged."},
-                {0x1p30, "answers leave the bound first at 2^30</b>, 49 of 50 rays wrong.<br>"}};
+    } rows[] = {{INFINITY, "no answer leaves the bound up to 2^120."},
+                {0x1p70, "answers leave the bound first at 2^70</b>, "},
+                {0x1p70, " of 50 rays wrong, beyond what is judged."},
+                {0x1p60, "answers leave the bound first at 2^60</b>, "},
+                {0x1p60, " of 50 rays wrong.<br>"}};
     (void)state;
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         struct gn_case_run run;
         char *page = NULL;
         size_t length;
-        run_losing(case_named("stability.scale.large"), rows[i].lost_from, &run);
+        run_losing(case_named("stability.direction.long"), rows[i].lost_from, &run);
         run.result.curve.why = "<script>";
         FILE *file = open_memstream(&page, &length);
         gn_html_curve(file, &run.result.curve);
