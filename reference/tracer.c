@@ -104,7 +104,7 @@ struct gn_ref_tracer_cost gn_ref_tracer_cost(const struct gn_ref_tracer *tracer)
 }
 
 /* By the bits: a thread may take denormal numbers for zero, and this is done for every ray of the fastest tier too. */
-bool gn_ref_ray_valid(const struct gn_ref_ray *ray)
+bool gn_ref_tracer_ray_valid(const struct gn_ref_ray *ray)
 {
     uint32_t bits[6], moves = 0;
     bool finite = true;
@@ -211,20 +211,20 @@ enum gn_ref_outcome gn_ref_tracer_closest(const struct gn_ref_tracer *tracer, co
                                           struct gn_ref_record *out_record)
 {
     *out_record = (struct gn_ref_record){0};
-    if (!gn_ref_ray_valid(ray))
+    if (!gn_ref_tracer_ray_valid(ray))
         return out_record->outcome = GN_REF_INVALID_RAY;
     return out_record->outcome = tracer->functions->closest(tracer, ray, out_record);
 }
 
 enum gn_ref_outcome gn_ref_tracer_occluded(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray)
 {
-    return gn_ref_ray_valid(ray) ? tracer->functions->occluded(tracer, ray) : GN_REF_INVALID_RAY;
+    return gn_ref_tracer_ray_valid(ray) ? tracer->functions->occluded(tracer, ray) : GN_REF_INVALID_RAY;
 }
 
 int64_t gn_ref_tracer_all(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray,
                           struct gn_ref_record *out_records, size_t capacity)
 {
-    return gn_ref_ray_valid(ray) ? tracer->functions->all(tracer, ray, out_records, capacity) : GN_REF_INVALID_RAY;
+    return gn_ref_tracer_ray_valid(ray) ? tracer->functions->all(tracer, ray, out_records, capacity) : GN_REF_INVALID_RAY;
 }
 
 void gn_ref_tracer_closest_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays, size_t ray_count,

@@ -95,7 +95,7 @@ bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_r
 {
     struct rationals r;
     struct gn_ref_environment environment;
-    if (!scene->committed || !gn_ref_ray_valid(ray) || !active(scene, hit))
+    if (!scene->committed || !gn_ref_tracer_ray_valid(ray) || !active(scene, hit))
         return false;
     const struct gn_ref_instance *instance = &scene->instances[hit->instance];
     const struct gn_ref_geometry *geometry = &scene->blases[instance->blas].geometries[hit->geometry];

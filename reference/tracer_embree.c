@@ -542,7 +542,7 @@ static bool packet_set(struct RTCRay8 *out, const struct embree *embree, int val
     static const struct gn_ref_ray harmless = {.direction = {1, 0, 0}};
     bool filtered = false;
     for (unsigned i = 0; i < PACKET; i++) {
-        valid[i] = i < count && gn_ref_ray_valid(&rays[i]) ? -1 : 0;
+        valid[i] = i < count && gn_ref_tracer_ray_valid(&rays[i]) ? -1 : 0;
         const struct gn_ref_ray *ray = valid[i] ? &rays[i] : &harmless;
         out->org_x[i] = ray->origin[0];
         out->org_y[i] = ray->origin[1];

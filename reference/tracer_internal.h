@@ -37,7 +37,7 @@ struct gn_ref_tracer {
 
 bool gn_ref_tracer_fail(struct gn_ref_tracer *tracer, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
-bool gn_ref_ray_valid(const struct gn_ref_ray *ray);
+bool gn_ref_tracer_ray_valid(const struct gn_ref_ray *ray);
 
 /* Mask, skip flags and opacity: what needs no geometry. */
 bool gn_ref_admitted(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t instance,
