@@ -10,6 +10,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#ifdef __GNUC__
+#pragma GCC visibility push(default) /* what the shared library exports */
+#endif
 
 struct gn_ref_scene;
 
@@ -111,6 +114,9 @@ uint32_t gn_ref_scene_geometry_count(const struct gn_ref_scene *scene, uint32_t 
 const struct gn_ref_geometry *gn_ref_scene_geometry(const struct gn_ref_scene *scene, uint32_t blas,
                                                     uint32_t geometry);
 
+#ifdef __GNUC__
+#pragma GCC visibility pop
+#endif
 #ifdef __cplusplus
 }
 #endif

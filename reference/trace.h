@@ -8,6 +8,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#ifdef __GNUC__
+#pragma GCC visibility push(default) /* what the shared library exports */
+#endif
 
 /* The values are those of SPIR-V's Ray Flags. */
 enum {
@@ -106,6 +109,9 @@ struct gn_ref_trace_counters {
 };
 struct gn_ref_trace_counters gn_ref_trace_counters(void);
 
+#ifdef __GNUC__
+#pragma GCC visibility pop
+#endif
 #ifdef __cplusplus
 }
 #endif

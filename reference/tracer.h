@@ -33,6 +33,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#ifdef __GNUC__
+#pragma GCC visibility push(default) /* what the shared library exports */
+#endif
 
 /*
  * FAST: Embree as it comes, f32. ROBUST: Embree with RTC_SCENE_FLAG_ROBUST, f32. Vertices and transforms are what an
@@ -162,6 +165,9 @@ struct gn_ref_hit_detail {
 bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                              const struct gn_ref_hit *hit, struct gn_ref_hit_detail *out_detail);
 
+#ifdef __GNUC__
+#pragma GCC visibility pop
+#endif
 #ifdef __cplusplus
 }
 #endif

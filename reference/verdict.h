@@ -11,6 +11,9 @@
 #ifdef __cplusplus
 extern "C" {
 #endif
+#ifdef __GNUC__
+#pragma GCC visibility push(default) /* what the shared library exports */
+#endif
 
 enum gn_ref_verdict_class {
     GN_REF_EXACT, /* every decision is the ideal one, and the numbers are within the bound */
@@ -103,6 +106,9 @@ bool gn_ref_judge_vertices(const struct gn_ref_judge *judge, uint32_t instance, 
                            uint32_t primitive, double out_vertices[3][3], double out_sizes[3][3],
                            bool *out_exact);
 
+#ifdef __GNUC__
+#pragma GCC visibility pop
+#endif
 #ifdef __cplusplus
 }
 #endif
