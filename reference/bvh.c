@@ -13,8 +13,6 @@
 
 #include "reference/scene_internal.h"
 
-#define MAX_LEAF_SIZE 8
-
 /* What Embree's callbacks build, in the memory of the RTCBVH. */
 struct proposal {
     uint32_t child_count; /* 0: a leaf */
@@ -63,9 +61,10 @@ static void *leaf_create(RTCThreadLocalAllocator allocator, const struct RTCBuil
 struct builder {
     struct gn_ref_bvh *bvh;
     const struct gn_ref_vertex (*triangles)[3];
-    uint32_t triangle_count;
     const struct gn_ref_bounds *bounds;
-    uint32_t primitive_count;
+    uint32_t first_id;
+    uint32_t count;
+    double quantum[3]; /* what every stored bound is a multiple of */
     bool *seen;
     char *error;
     size_t error_size;
@@ -86,34 +85,26 @@ static bool __attribute__((format(printf, 2, 3))) fail(struct builder *builder, 
  * Counts what the tree needs, and checks it: complete, nothing twice, not too deep. A wrong proposal is an error of
  * the machine or of Embree, but it must not become a wrong answer.
  */
-static bool proposal_count(struct builder *builder, const struct proposal *p, uint32_t depth, uint64_t counts[4])
+static bool proposal_count(struct builder *builder, const struct proposal *p, uint32_t depth, uint64_t counts[2])
 {
     if (!p)
-        return fail(builder, "out of memory while building the tree over %u primitives", builder->primitive_count);
+        return fail(builder, "out of memory while building the tree over %u primitives", builder->count);
     if (depth > GN_REF_MAX_DEPTH)
-        return fail(builder, "the tree over %u primitives is deeper than %d levels", builder->primitive_count,
+        return fail(builder, "the tree over %u primitives is deeper than %d levels", builder->count,
                     GN_REF_MAX_DEPTH);
-    if (p->child_count > 0) {
-        if (p->child_count > GN_REF_NODE_WIDTH)
-            return fail(builder, "a node of the tree has %u children, expected at most %d", p->child_count,
-                        GN_REF_NODE_WIDTH);
-        counts[0]++;
-        for (uint32_t i = 0; i < p->child_count; i++)
-            if (!proposal_count(builder, p->below[i], depth + 1, counts))
-                return false;
-        return true;
-    }
-    uint32_t triangles = 0;
+    if (p->child_count > GN_REF_NODE_WIDTH || p->primitive_count > GN_REF_NODE_WIDTH)
+        return fail(builder, "a node of the tree has %u children and %u primitives, expected at most %d",
+                    p->child_count, p->primitive_count, GN_REF_NODE_WIDTH);
+    counts[p->child_count == 0]++;
+    for (uint32_t i = 0; i < p->child_count; i++)
+        if (!proposal_count(builder, p->below[i], depth + 1, counts))
+            return false;
     const uint32_t *ids = (const uint32_t *)p->below;
     for (uint32_t i = 0; i < p->primitive_count; i++) {
-        if (ids[i] >= builder->primitive_count || builder->seen[ids[i]])
+        if (ids[i] >= builder->count || builder->seen[ids[i]])
             return fail(builder, "primitive %u is in the tree twice or unknown", ids[i]);
         builder->seen[ids[i]] = true;
-        triangles += ids[i] < builder->triangle_count;
     }
-    counts[1]++;
-    counts[2] += (triangles + GN_REF_BLOCK_WIDTH - 1) / GN_REF_BLOCK_WIDTH;
-    counts[3] += p->primitive_count - triangles;
     return true;
 }
 
@@ -129,42 +120,86 @@ static void bounds_extend(struct gn_ref_bounds *bounds, const struct gn_ref_boun
 
 static const struct gn_ref_bounds nothing = {{INFINITY, INFINITY, INFINITY}, {-INFINITY, -INFINITY, -INFINITY}};
 
-static uint32_t leaf_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
+/*
+ * The largest f32 that is a multiple of the quantum and not above value - error - centre. The difference is widened
+ * by an ulp unless TwoSum says that it is exact. Rounding down to a multiple is exact: it only clears low bits.
+ */
+static float relative_down(double value, double error, double centre, double quantum)
+{
+    double x = value - centre, other = x - value;
+    bool exact = (value - (x - other)) - (centre + other) == 0;
+    if (error > 0 || !exact)
+        x = nextafter(x - fabs(x) * 0x1p-52 - error, -INFINITY);
+    float rounded = (float)x;
+    if ((double)rounded > x)
+        rounded = nextafterf(rounded, -INFINITY);
+    if (quantum > 0 && fabsf(rounded) < quantum * 0x1p24)
+        rounded = (float)(floor((double)rounded / quantum) * quantum);
+    return rounded;
+}
+
+static void vertex_extend(const struct builder *builder, struct gn_ref_bounds *bounds, const struct gn_ref_vertex *v)
+{
+    for (int axis = 0; axis < 3; axis++) {
+        double centre = builder->bvh->centre[axis], quantum = builder->quantum[axis];
+        float lower = relative_down(v->w[axis], v->error, centre, quantum);
+        float upper = -relative_down(-v->w[axis], v->error, -centre, quantum);
+        if (!(lower >= bounds->lower[axis]))
+            bounds->lower[axis] = lower;
+        if (!(upper <= bounds->upper[axis]))
+            bounds->upper[axis] = upper;
+    }
+}
+
+/* Bounds of a primitive as nodes store them. */
+static struct gn_ref_bounds primitive_bounds(const struct builder *builder, uint32_t index)
+{
+    if (!builder->triangles)
+        return builder->bounds[index];
+    struct gn_ref_bounds bounds = nothing;
+    for (int v = 0; v < 3; v++)
+        vertex_extend(builder, &bounds, &builder->triangles[index][v]);
+    return bounds;
+}
+
+/* Lane l, and all beyond it so that nothing is computed from garbage: they are overwritten or not used. */
+static void block_set(struct builder *builder, uint32_t leaf, uint32_t lane, uint32_t index)
 {
     struct gn_ref_bvh *bvh = builder->bvh;
-    uint32_t index = bvh->leaf_count++;
-    struct gn_ref_leaf *leaf = &bvh->leaves[index];
-    *leaf = (struct gn_ref_leaf){.first_block = bvh->block_count, .first_box = bvh->box_count};
-    *out_bounds = nothing;
-    const uint32_t *ids = (const uint32_t *)p->below;
-    int lane = GN_REF_BLOCK_WIDTH;
-    struct gn_ref_block *block = NULL;
-    for (uint32_t i = 0; i < p->primitive_count; i++) {
-        uint32_t id = ids[i];
-        bounds_extend(out_bounds, &builder->bounds[id]);
-        if (id >= builder->triangle_count) {
-            bvh->boxes[bvh->box_count++] = id;
-            leaf->box_count++;
+    for (uint32_t l = lane; l < GN_REF_NODE_WIDTH; l++) {
+        uint32_t id = l == lane ? builder->first_id + index : GN_REF_NONE;
+        if (!builder->triangles) {
+            bvh->boxes[leaf][l] = id;
             continue;
         }
-        if (lane == GN_REF_BLOCK_WIDTH) {
-            block = &bvh->blocks[bvh->block_count++];
-            leaf->block_count++;
-            lane = 0;
+        double error = 0;
+        for (int v = 0; v < 3; v++) {
+            const struct gn_ref_vertex *vertex = &builder->triangles[index][v];
+            error = fmax(error, vertex->error);
+            for (int axis = 0; axis < 3; axis++)
+                if (bvh->blocks_f32)
+                    bvh->blocks_f32[leaf].w[v][axis][l] = (float)vertex->w[axis];
+                else
+                    bvh->blocks_f64[leaf].w[v][axis][l] = vertex->w[axis];
         }
-        /* The lanes not used yet repeat this one, so that nothing is computed from garbage. */
-        for (int l = lane; l < GN_REF_BLOCK_WIDTH; l++) {
-            double error = 0;
-            for (int v = 0; v < 3; v++) {
-                const struct gn_ref_vertex *vertex = &builder->triangles[id][v];
-                for (int axis = 0; axis < 3; axis++)
-                    block->w[v][axis][l] = vertex->w[axis];
-                error = fmax(error, vertex->error);
-            }
-            block->error[l] = error;
-            block->id[l] = l == lane ? id : GN_REF_NONE;
+        if (bvh->blocks_f32) {
+            bvh->blocks_f32[leaf].id[l] = id;
+        } else {
+            bvh->blocks_f64[leaf].id[l] = id;
+            bvh->blocks_f64[leaf].error[l] = error;
         }
-        lane++;
+    }
+}
+
+static uint32_t leaf_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
+{
+    uint32_t index = builder->bvh->leaf_count++;
+    *out_bounds = nothing;
+    const uint32_t *ids = (const uint32_t *)p->below;
+    for (uint32_t i = 0; i < p->primitive_count; i++) {
+        struct gn_ref_bounds bounds = primitive_bounds(builder, ids[i]);
+        bounds_extend(out_bounds, &bounds);
+        block_set(builder, index, i, ids[i]);
     }
     return index | GN_REF_LEAF_BIT;
 }
@@ -186,6 +221,50 @@ static uint32_t node_emit(struct builder *builder, const struct proposal *p, str
         bounds_extend(out_bounds, &bounds);
     }
     return index;
+}
+
+/*
+ * The centre, a multiple of 2^-20 of the extent so that centre + bound fits f64 when bounds are multiples of the
+ * quantum: with 2^e above centre and extent both are multiples of 2^(e - 50) and their sum is below 2^(e + 1).
+ * Scenes beyond the range of the f32 traversal (see certified.h) have no need of one.
+ */
+static void centre_choose(struct builder *builder)
+{
+    struct gn_ref_bvh *bvh = builder->bvh;
+    struct gn_ref_bounds all = nothing;
+    for (uint32_t i = 0; i < builder->count; i++)
+        bounds_extend(&all, &builder->bounds[i]);
+    double size = 0;
+    for (int axis = 0; axis < 3; axis++)
+        size = fmax(size, (double)all.upper[axis] - all.lower[axis]);
+    for (int axis = 0; axis < 3; axis++) {
+        double lower = all.lower[axis], upper = all.upper[axis];
+        int size_exponent, exponent;
+        bvh->centre[axis] = builder->quantum[axis] = 0;
+        if (!builder->triangles || !(fabs(lower) <= 0x1p90) || !(fabs(upper) <= 0x1p90) || !(size >= 0x1p-80) ||
+            !(size <= 0x1p91))
+            continue;
+        frexp(size, &size_exponent);
+        double step = ldexp(1, size_exponent - 20);
+        double centre = (float)(rint((lower + (upper - lower) / 2) / step) * step);
+        frexp(centre, &exponent);
+        bvh->centre[axis] = centre;
+        builder->quantum[axis] = ldexp(1, (centre != 0 && exponent > size_exponent ? exponent : size_exponent) - 50);
+    }
+}
+
+/* Whether f32 holds all vertices without loss. */
+static bool all_f32(const struct builder *builder)
+{
+    for (uint32_t i = 0; i < builder->count; i++)
+        for (int v = 0; v < 3; v++) {
+            const struct gn_ref_vertex *vertex = &builder->triangles[i][v];
+            for (int axis = 0; axis < 3; axis++)
+                if (vertex->error != 0 || !(fabs(vertex->w[axis]) <= 0x1.fffffep127) ||
+                    (double)(float)vertex->w[axis] != vertex->w[axis])
+                    return false;
+        }
+    return true;
 }
 
 /*
@@ -212,18 +291,21 @@ static void *allocate(struct builder *builder, uint64_t count, size_t size)
     return memory;
 }
 
-bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3], uint32_t triangle_count,
-                      const struct gn_ref_bounds *bounds, uint32_t primitive_count, char *error, size_t error_size)
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3],
+                      const struct gn_ref_bounds *bounds, uint32_t first_id, uint32_t count, char *error,
+                      size_t error_size)
 {
     *out = (struct gn_ref_bvh){0};
-    struct builder builder = {out, triangles, triangle_count, bounds, primitive_count, NULL, error, error_size};
+    struct builder builder = {.bvh = out, .triangles = triangles, .bounds = bounds, .first_id = first_id,
+                              .count = count, .error = error, .error_size = error_size};
     RTCDevice device = NULL;
     RTCBVH memory = NULL;
     struct RTCBuildPrimitive *primitives = NULL;
     bool done = false;
     error[0] = '\0';
-    if (primitive_count == 0)
+    if (count == 0)
         return true;
+    centre_choose(&builder);
 
     /* One thread: the tree is the same everywhere, and nothing runs on when a process forks. */
     device = rtcNewDevice("threads=1,verbose=0");
@@ -232,28 +314,30 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
         goto out;
     }
     memory = rtcNewBVH(device);
-    primitives = allocate(&builder, primitive_count, sizeof *primitives);
-    builder.seen = calloc(primitive_count, sizeof *builder.seen);
+    primitives = allocate(&builder, count, sizeof *primitives);
+    builder.seen = calloc(count, sizeof *builder.seen);
     if (!memory || !primitives || !builder.seen) {
-        fail(&builder, "out of memory before the tree over %u primitives is built", primitive_count);
+        fail(&builder, "out of memory before the tree over %u primitives is built", count);
         goto out;
     }
-    for (uint32_t i = 0; i < primitive_count; i++)
+    for (uint32_t i = 0; i < count; i++) {
+        struct gn_ref_bounds b = primitive_bounds(&builder, i);
         primitives[i] = (struct RTCBuildPrimitive){
-            .lower_x = moderate(bounds[i].lower[0]), .lower_y = moderate(bounds[i].lower[1]),
-            .lower_z = moderate(bounds[i].lower[2]), .geomID = 0,
-            .upper_x = moderate(bounds[i].upper[0]), .upper_y = moderate(bounds[i].upper[1]),
-            .upper_z = moderate(bounds[i].upper[2]), .primID = i,
+            .lower_x = moderate(b.lower[0]), .lower_y = moderate(b.lower[1]), .lower_z = moderate(b.lower[2]),
+            .geomID = 0,
+            .upper_x = moderate(b.upper[0]), .upper_y = moderate(b.upper[1]), .upper_z = moderate(b.upper[2]),
+            .primID = i,
         };
+    }
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
     arguments.maxBranchingFactor = GN_REF_NODE_WIDTH;
     arguments.maxDepth = GN_REF_MAX_DEPTH - 8; /* the builder may go a few levels beyond */
-    arguments.sahBlockSize = GN_REF_BLOCK_WIDTH;
-    arguments.maxLeafSize = MAX_LEAF_SIZE;
+    arguments.sahBlockSize = GN_REF_NODE_WIDTH;
+    arguments.maxLeafSize = GN_REF_NODE_WIDTH;
     arguments.bvh = memory;
     arguments.primitives = primitives;
-    arguments.primitiveCount = primitive_count;
-    arguments.primitiveArrayCapacity = primitive_count;
+    arguments.primitiveCount = count;
+    arguments.primitiveArrayCapacity = count;
     arguments.createNode = node_create;
     arguments.setNodeChildren = node_set_children;
     arguments.setNodeBounds = node_set_bounds;
@@ -261,25 +345,28 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
     const struct proposal *root = rtcBuildBVH(&arguments);
     enum RTCError code = rtcGetDeviceError(device);
     if (!root || code != RTC_ERROR_NONE) {
-        fail(&builder, "Embree's builder failed with error %d over %u primitives", (int)code, primitive_count);
+        fail(&builder, "Embree's builder failed with error %d over %u primitives", (int)code, count);
         goto out;
     }
 
-    uint64_t counts[4] = {0};
+    uint64_t counts[2] = {0};
     if (!proposal_count(&builder, root, 1, counts))
         goto out;
-    for (uint32_t i = 0; i < primitive_count; i++)
+    for (uint32_t i = 0; i < count; i++)
         if (!builder.seen[i]) {
-            fail(&builder, "primitive %u of %u is missing in the tree", i, primitive_count);
+            fail(&builder, "primitive %u of %u is missing in the tree", i, count);
             goto out;
         }
     /* The traversal starts at a node: a tree that is one leaf gets one above it. */
     bool lone_leaf = root->child_count == 0;
     out->nodes = allocate(&builder, counts[0] + lone_leaf, sizeof *out->nodes);
-    out->leaves = allocate(&builder, counts[1], sizeof *out->leaves);
-    out->blocks = allocate(&builder, counts[2], sizeof *out->blocks);
-    out->boxes = allocate(&builder, counts[3], sizeof *out->boxes);
-    if (!out->nodes || !out->leaves || !out->blocks || !out->boxes)
+    if (!triangles)
+        out->boxes = allocate(&builder, counts[1], sizeof *out->boxes);
+    else if (all_f32(&builder))
+        out->blocks_f32 = allocate(&builder, counts[1], sizeof *out->blocks_f32);
+    else
+        out->blocks_f64 = allocate(&builder, counts[1], sizeof *out->blocks_f64);
+    if (!out->nodes || (!out->boxes && !out->blocks_f32 && !out->blocks_f64))
         goto out;
     struct gn_ref_bounds root_bounds;
     if (lone_leaf) {
@@ -296,6 +383,8 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
     } else {
         node_emit(&builder, root, &root_bounds);
     }
+    for (int axis = 0; axis < 3; axis++)
+        out->half[axis] = fmax(fabs(root_bounds.lower[axis]), fabs(root_bounds.upper[axis]));
     done = true;
 out:
     free(primitives);
@@ -312,8 +401,14 @@ out:
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh)
 {
     free(bvh->nodes);
-    free(bvh->leaves);
-    free(bvh->blocks);
+    free(bvh->blocks_f32);
+    free(bvh->blocks_f64);
     free(bvh->boxes);
     *bvh = (struct gn_ref_bvh){0};
+}
+
+uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh)
+{
+    size_t leaf = bvh->blocks_f32 ? sizeof *bvh->blocks_f32 : bvh->blocks_f64 ? sizeof *bvh->blocks_f64 : sizeof *bvh->boxes;
+    return (uint64_t)bvh->node_count * sizeof *bvh->nodes + (uint64_t)bvh->leaf_count * leaf;
 }

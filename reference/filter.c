@@ -44,9 +44,11 @@
 
 void gn_ref_environment_enter(struct gn_ref_environment *environment)
 {
+#if defined(__SSE2__) && defined(__x86_64__)
+    /* The rounding, flush to zero, denormals are zero. Nothing here uses the x87's own. */
+    bool plain = (__builtin_ia32_stmxcsr() & 0xE040u) == 0;
+#else
     bool plain = fegetround() == FE_TONEAREST;
-#if defined(__SSE2__)
-    plain = plain && (__builtin_ia32_stmxcsr() & 0x8040u) == 0; /* flush to zero, denormals are zero */
 #endif
     environment->changed = !plain;
     if (!plain) {
@@ -63,8 +65,9 @@ void gn_ref_environment_leave(const struct gn_ref_environment *environment)
 
 /*
  * The slab test. For a direction component that is not zero, (bound - origin) * scale is t at the bound with a
- * relative error of at most 3 u (1 + 2u): bounds and origin are f32, so that a difference is 0 or at least 2^-149 and
- * at most 2^129 in magnitude (or infinite, with the bound), and the reciprocal is in [2^-128, 2^149].
+ * relative error of at most 3 u (1 + 2u): bounds (a stored one plus the centre, a sum that is not rounded) are f64
+ * and, like the origin, multiples of 2^-149, so that a difference is 0 or at least 2^-149 and at most 2^130 in
+ * magnitude (or infinite, with the bound), and the reciprocal is in [2^-128, 2^149].
  *
  * For a component that is zero the line is inside the slab or not: the scale 2^800 makes a difference that is not zero
  * larger in magnitude than 2^650, and the bias 2^600, outward, lets a bound pass that equals the origin. Entry then is
@@ -97,7 +100,8 @@ void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *r
  * which cannot be, would count as met.
  */
 CLONES unsigned gn_ref_filter_node_f64(double near[GN_REF_NODE_WIDTH], const struct gn_ref_node *node,
-                                       const struct gn_ref_ray_setup *setup, double tmin, double limit)
+                                       const double centre[3], const struct gn_ref_ray_setup *setup, double tmin,
+                                       double limit)
 {
     enum { N = GN_REF_NODE_WIDTH };
     double far[N];
@@ -110,8 +114,8 @@ CLONES unsigned gn_ref_filter_node_f64(double near[GN_REF_NODE_WIDTH], const str
         const float *last = setup->swap[axis] ? node->lower[axis] : node->upper[axis];
         double origin = setup->origin[axis], scale = setup->scale[axis], bias = setup->bias[axis];
         for (int i = 0; i < N; i++) {
-            double a = ((double)first[i] - origin) * scale - bias;
-            double b = ((double)last[i] - origin) * scale + bias;
+            double a = (((double)first[i] + centre[axis]) - origin) * scale - bias;
+            double b = (((double)last[i] + centre[axis]) - origin) * scale + bias;
             near[i] = a > near[i] ? a : near[i];
             far[i] = b < far[i] ? b : far[i];
         }

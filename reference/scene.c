@@ -52,6 +52,7 @@ void gn_ref_scene_destroy(struct gn_ref_scene *scene)
     free(scene->instance_data);
     free(scene->primitives);
     gn_ref_bvh_finish(&scene->bvh);
+    gn_ref_bvh_finish(&scene->box_bvh);
     free(scene);
 }
 
@@ -480,6 +481,7 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
         }
         instance_prepare(&scene->instance_data[i], instance->transform);
         const struct gn_ref_blas *blas = &scene->blases[instance->blas];
+        scene->masked |= instance->mask != 0xFF;
         for (uint32_t g = 0; g < blas->geometry_count; g++) {
             totals[blas->geometries[g].type] += blas->geometries[g].primitive_count;
             if (blas->geometries[g].position_count > most_positions)
@@ -518,8 +520,10 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
         if (type == GN_REF_TRIANGLES)
             scene->triangle_count = flat.count;
     }
-    if (!gn_ref_bvh_build(&scene->bvh, (const struct gn_ref_vertex (*)[3])flat.triangles, scene->triangle_count,
-                          flat.bounds, flat.count, scene->error, sizeof scene->error))
+    if (!gn_ref_bvh_build(&scene->bvh, (const struct gn_ref_vertex (*)[3])flat.triangles, flat.bounds, 0,
+                          scene->triangle_count, scene->error, sizeof scene->error) ||
+        !gn_ref_bvh_build(&scene->box_bvh, NULL, flat.bounds + scene->triangle_count, scene->triangle_count,
+                          flat.count - scene->triangle_count, scene->error, sizeof scene->error))
         goto out;
     scene->primitives = flat.primitives;
     scene->primitive_count = flat.count;

@@ -35,30 +35,41 @@ struct gn_ref_block {
     uint32_t id[GN_REF_BLOCK_WIDTH];
 };
 
+/*
+ * The triangles of a leaf, as the tree keeps them: in f32 when every vertex of the scene is an f32 (then they are
+ * exact), in f64 with bounds of their errors otherwise. Lanes as above.
+ */
+struct gn_ref_block_f32 {
+    float w[3][3][GN_REF_NODE_WIDTH];
+    uint32_t id[GN_REF_NODE_WIDTH];
+};
+struct gn_ref_block_f64 {
+    double w[3][3][GN_REF_NODE_WIDTH];
+    double error[GN_REF_NODE_WIDTH];
+    uint32_t id[GN_REF_NODE_WIDTH];
+};
+
 #define GN_REF_LEAF_BIT 0x80000000u
-/* Bounds contain what is below exactly (rounded outward). An unused child has lower > upper and is GN_REF_NONE. */
+/*
+ * Bounds relative to the tree's centre, which contain what is below (rounded outward). bound + centre is an f64
+ * exactly. An unused child has lower > upper and is GN_REF_NONE; a leaf is its index with GN_REF_LEAF_BIT.
+ */
 struct gn_ref_node {
     float lower[3][GN_REF_NODE_WIDTH];
     float upper[3][GN_REF_NODE_WIDTH];
     uint32_t child[GN_REF_NODE_WIDTH];
 };
 
-struct gn_ref_leaf {
-    uint32_t first_block;
-    uint32_t block_count;
-    uint32_t first_box; /* into gn_ref_bvh::boxes */
-    uint32_t box_count;
-};
-
+/* A tree over triangles (one of the blocks) or over boxes (ids). A leaf has at most GN_REF_NODE_WIDTH of them. */
 struct gn_ref_bvh {
     struct gn_ref_node *nodes; /* the root is the first */
     uint32_t node_count;
-    struct gn_ref_leaf *leaves;
     uint32_t leaf_count;
-    struct gn_ref_block *blocks;
-    uint32_t block_count;
-    uint32_t *boxes; /* indices of primitives */
-    uint32_t box_count;
+    struct gn_ref_block_f32 *blocks_f32;
+    struct gn_ref_block_f64 *blocks_f64;
+    uint32_t (*boxes)[GN_REF_NODE_WIDTH]; /* indices of primitives, then GN_REF_NONE */
+    double centre[3];
+    double half[3]; /* no bound is larger in magnitude; may be infinite */
 };
 
 struct gn_ref_bounds {
@@ -104,17 +115,21 @@ struct gn_ref_scene {
     struct gn_ref_primitive *primitives;
     uint32_t triangle_count; /* of primitives[] */
     uint32_t primitive_count;
-    struct gn_ref_bvh bvh;
+    struct gn_ref_bvh bvh; /* of the triangles */
+    struct gn_ref_bvh box_bvh;
+    bool masked; /* some instance's mask is not 0xFF */
     char error[320];
 };
 
 /*
- * Builds the tree. triangles[3 * i ...] are the vertices of primitive i < triangle_count; bounds[] are of all
- * primitives and contain them exactly. False, with a message, when memory is short.
+ * Builds a tree over `count` triangles, or, where triangles is NULL, over `count` boxes with the bounds given (which
+ * contain them); the ids of the primitives begin with first_id. False, with a message, when memory is short.
  */
-bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3], uint32_t triangle_count,
-                      const struct gn_ref_bounds *bounds, uint32_t primitive_count, char *error, size_t error_size);
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3],
+                      const struct gn_ref_bounds *bounds, uint32_t first_id, uint32_t count, char *error,
+                      size_t error_size);
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh);
+uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh);
 
 /* An exact number: numerator / denominator * 2^exponent, denominator > 0. */
 struct gn_ref_ratio {
@@ -190,7 +205,7 @@ struct gn_ref_ray_setup {
     int k[3]; /* the axes x, y, z of the sheared space; k[2] is where |direction| is largest */
     double shear[2]; /* direction[k[0]] and direction[k[1]] over direction[k[2]]: at most 1 in magnitude */
     double depth; /* direction[k[2]] */
-    /* For the slab test: t = (bound - origin) * scale + bias; see gn_ref_ray_prepare(). */
+    /* For the slab test: t = (bound + centre - origin) * scale + bias; see gn_ref_ray_prepare(). */
     double scale[3];
     double bias[3];
     bool swap[3]; /* the ray enters a box at the upper bound */
@@ -199,7 +214,8 @@ void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *r
 
 /* Bit i of the result: child i is not certainly missed within [tmin, limit]; near[i] is where it is entered. */
 unsigned gn_ref_filter_node_f64(double near[GN_REF_NODE_WIDTH], const struct gn_ref_node *node,
-                                const struct gn_ref_ray_setup *setup, double tmin, double limit);
+                                const double centre[3], const struct gn_ref_ray_setup *setup, double tmin,
+                                double limit);
 
 /* The f64 filter's view of the four triangles of a block. Bit l of a mask is lane l. */
 struct gn_ref_filter {

@@ -10,7 +10,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "reference/scene_internal.h"
+#include "reference/trace_internal.h"
 
 static _Atomic uint64_t counted_filtered, counted_wide, counted_exact;
 
@@ -21,38 +21,17 @@ struct gn_ref_trace_counters gn_ref_trace_counters(void)
                                           atomic_load_explicit(&counted_exact, memory_order_relaxed)};
 }
 
-/* A primitive that the ray meets: t is the triangle's, or the box's entry clipped to tmin. */
-struct found {
-    uint32_t id;
-    struct gn_ref_interval t;
-    double t_value, t_error;
-    double t_exit, t_exit_error;
-    double beta, gamma, barycentric_error;
-    bool front;
-    bool opaque;
-    bool sharp; /* the interval is as narrow as f64 makes it */
-    unsigned zeros; /* bit i: edge function i is exactly 0 */
-};
+void gn_ref_trace_count(uint64_t filtered, uint64_t wide, uint64_t exact)
+{
+    if (filtered)
+        atomic_fetch_add_explicit(&counted_filtered, filtered, memory_order_relaxed);
+    if (wide)
+        atomic_fetch_add_explicit(&counted_wide, wide, memory_order_relaxed);
+    if (exact)
+        atomic_fetch_add_explicit(&counted_exact, exact, memory_order_relaxed);
+}
 
-struct trace {
-    const struct gn_ref_scene *scene;
-    struct gn_ref_ray_setup setup;
-    bool closest; /* only the nearest triangle is wanted */
-    /* What is found; with `closest` at most one. */
-    struct found *found;
-    size_t count, capacity;
-    struct found local[32];
-    bool failed;
-    double limit; /* no larger t is of interest */
-    uint64_t filtered, wide, exact_count;
-    bool integers_ready;
-    struct gn_ref_ray_integers integers;
-    bool exact_ready;
-    struct gn_ref_exact exact;
-    struct gn_ref_environment environment;
-};
-
-static struct gn_ref_exact *exact_stage(struct trace *trace)
+static struct gn_ref_exact *exact_stage(struct gn_ref_trace *trace)
 {
     if (!trace->exact_ready) {
         gn_ref_exact_init(&trace->exact);
@@ -61,7 +40,7 @@ static struct gn_ref_exact *exact_stage(struct trace *trace)
     return &trace->exact;
 }
 
-static bool ray_valid(const struct gn_ref_ray *ray)
+bool gn_ref_trace_ray_valid(const struct gn_ref_ray *ray)
 {
     bool moves = false;
     for (int i = 0; i < 3; i++) {
@@ -72,10 +51,10 @@ static bool ray_valid(const struct gn_ref_ray *ray)
     return moves && ray->tmin >= 0 && ray->tmin <= ray->tmax;
 }
 
-static bool trace_begin(struct trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+bool gn_ref_trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
 {
     gn_ref_environment_enter(&trace->environment);
-    if (!scene->committed || !ray_valid(ray)) {
+    if (!scene->committed || !gn_ref_trace_ray_valid(ray)) {
         gn_ref_environment_leave(&trace->environment);
         return false;
     }
@@ -93,18 +72,13 @@ static bool trace_begin(struct trace *trace, const struct gn_ref_scene *scene, c
     return true;
 }
 
-static void trace_end(struct trace *trace)
+void gn_ref_trace_end(struct gn_ref_trace *trace)
 {
     if (trace->exact_ready)
         gn_ref_exact_finish(&trace->exact);
     if (trace->found != trace->local)
         free(trace->found);
-    if (trace->filtered)
-        atomic_fetch_add_explicit(&counted_filtered, trace->filtered, memory_order_relaxed);
-    if (trace->wide)
-        atomic_fetch_add_explicit(&counted_wide, trace->wide, memory_order_relaxed);
-    if (trace->exact_count)
-        atomic_fetch_add_explicit(&counted_exact, trace->exact_count, memory_order_relaxed);
+    gn_ref_trace_count(trace->filtered, trace->wide, trace->exact_count);
     gn_ref_environment_leave(&trace->environment);
 }
 
@@ -112,7 +86,7 @@ static void trace_end(struct trace *trace)
  * The exact t at which the line meets a triangle's plane or (clipped to tmin) enters a box that the ray is known to
  * meet. False when it is parallel to the triangle.
  */
-static bool exact_t(struct trace *trace, uint32_t id, struct gn_ref_ratio *out)
+static bool exact_t(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_ratio *out)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
     const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
@@ -130,7 +104,7 @@ static bool exact_t(struct trace *trace, uint32_t id, struct gn_ref_ratio *out)
     return true;
 }
 
-static int compare_exact_t(struct trace *trace, uint32_t a, uint32_t b)
+static int compare_exact_t(struct gn_ref_trace *trace, uint32_t a, uint32_t b)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
     struct gn_ref_ratio first;
@@ -145,7 +119,7 @@ static int compare_exact_t(struct trace *trace, uint32_t a, uint32_t b)
 }
 
 /* The triangle in integers of fixed width, where they suffice. */
-static bool triangle_wide(struct trace *trace, uint32_t id, struct gn_ref_lane *out)
+bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_lane *out)
 {
     if (!trace->integers_ready) {
         gn_ref_ray_integers_prepare(&trace->integers, trace->setup.ray);
@@ -157,7 +131,7 @@ static bool triangle_wide(struct trace *trace, uint32_t id, struct gn_ref_lane *
     return true;
 }
 
-static void found_set(struct found *found, const struct gn_ref_estimate *estimate)
+static void found_set(struct gn_ref_found *found, const struct gn_ref_estimate *estimate)
 {
     found->t = estimate->t;
     found->t_value = estimate->t_value;
@@ -167,14 +141,14 @@ static void found_set(struct found *found, const struct gn_ref_estimate *estimat
     found->barycentric_error = estimate->barycentric_error;
 }
 
-static void sharpen(struct trace *trace, struct found *found)
+static void sharpen(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     struct gn_ref_lane lane;
     struct gn_ref_estimate estimate;
     if (found->sharp || found->id >= trace->scene->triangle_count)
         return;
     found->sharp = true;
-    if (!triangle_wide(trace, found->id, &lane) || !gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
+    if (!gn_ref_trace_wide(trace, found->id, &lane) || !gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
         return;
     found_set(found, &estimate);
     for (int i = 0; i < 3; i++)
@@ -192,7 +166,7 @@ static bool same_position(const struct gn_ref_geometry *geometry, uint32_t a, ui
  * are met at the same t. That is the usual tie, and settled without computing t. (On the edge's line beyond its ends
  * that holds as well: the ray's line meets it once, being parallel to neither triangle.)
  */
-static bool meets_shared_feature(const struct trace *trace, const struct found *a, const struct found *b)
+static bool meets_shared_feature(const struct gn_ref_trace *trace, const struct gn_ref_found *a, const struct gn_ref_found *b)
 {
     const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
     if (!a->zeros || !b->zeros || p->instance != q->instance || p->geometry != q->geometry)
@@ -214,7 +188,7 @@ static bool meets_shared_feature(const struct trace *trace, const struct found *
     return true;
 }
 
-static int compare_t(struct trace *trace, struct found *a, struct found *b)
+int gn_ref_trace_compare(struct gn_ref_trace *trace, struct gn_ref_found *a, struct gn_ref_found *b)
 {
     if (a->id == b->id)
         return 0;
@@ -233,9 +207,9 @@ static int compare_t(struct trace *trace, struct found *a, struct found *b)
     return compare_exact_t(trace, a->id, b->id);
 }
 
-static int compare_found(struct trace *trace, struct found *a, struct found *b)
+static int compare_found(struct gn_ref_trace *trace, struct gn_ref_found *a, struct gn_ref_found *b)
 {
-    int order = compare_t(trace, a, b);
+    int order = gn_ref_trace_compare(trace, a, b);
     if (order != 0 || a->id == b->id)
         return order;
     const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
@@ -246,7 +220,7 @@ static int compare_found(struct trace *trace, struct found *a, struct found *b)
     return p->primitive < q->primitive ? -1 : 1;
 }
 
-static void accept(struct trace *trace, struct found *found)
+static void accept(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     if (trace->closest) {
         if (trace->count == 0 || compare_found(trace, found, &trace->found[0]) < 0) {
@@ -262,7 +236,7 @@ static void accept(struct trace *trace, struct found *found)
             return;
         }
         size_t capacity = trace->capacity * 4;
-        struct found *memory = malloc(capacity * sizeof *memory);
+        struct gn_ref_found *memory = malloc(capacity * sizeof *memory);
         if (!memory) {
             trace->failed = true;
             return;
@@ -276,15 +250,12 @@ static void accept(struct trace *trace, struct found *found)
     trace->found[trace->count++] = *found;
 }
 
-/* Mask, skip flags and opacity: what needs no geometry. */
-static bool admitted(const struct trace *trace, uint32_t id, struct found *found)
+bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t id,
+                               bool *out_opaque)
 {
-    const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
-    const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
-    const struct gn_ref_ray *ray = trace->setup.ray;
-    if ((instance->mask & ray->cull_mask & 0xFF) == 0)
-        return false;
-    bool opaque = trace->scene->blases[instance->blas].geometries[primitive->geometry].flags & GN_REF_GEOMETRY_OPAQUE;
+    const struct gn_ref_primitive *primitive = &scene->primitives[id];
+    const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
+    bool opaque = scene->blases[instance->blas].geometries[primitive->geometry].flags & GN_REF_GEOMETRY_OPAQUE;
     if (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE)
         opaque = true;
     else if (instance->flags & GN_REF_INSTANCE_FORCE_NO_OPAQUE)
@@ -293,8 +264,15 @@ static bool admitted(const struct trace *trace, uint32_t id, struct found *found
         opaque = true;
     else if (ray->flags & GN_REF_RAY_NO_OPAQUE)
         opaque = false;
-    *found = (struct found){.id = id, .opaque = opaque};
-    return !(ray->flags & (opaque ? GN_REF_RAY_CULL_OPAQUE : GN_REF_RAY_CULL_NO_OPAQUE));
+    *out_opaque = opaque;
+    return (instance->mask & ray->cull_mask & 0xFF) != 0 &&
+           !(ray->flags & (opaque ? GN_REF_RAY_CULL_OPAQUE : GN_REF_RAY_CULL_NO_OPAQUE));
+}
+
+static bool admitted(const struct gn_ref_trace *trace, uint32_t id, struct gn_ref_found *found)
+{
+    *found = (struct gn_ref_found){.id = id};
+    return gn_ref_trace_admits(trace->scene, trace->setup.ray, id, &found->opaque);
 }
 
 /*
@@ -303,20 +281,28 @@ static bool admitted(const struct trace *trace, uint32_t id, struct found *found
  * is object space itself, a = -(area counted counter-clockwise), and N' = (0, 0, 2 area). In the world
  * d . N = (M d') . (cof(M) N') = det(M) (d' . N'), and d . N = U + V + W.
  */
-static bool facing_admitted(const struct trace *trace, int sum_sign, struct found *found)
+bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t id, int sum_sign)
 {
-    const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
-    const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
-    found->front = sum_sign * trace->scene->instance_data[primitive->instance].determinant_sign < 0;
-    if (instance->flags & GN_REF_INSTANCE_FLIP_FACING)
-        found->front = !found->front;
-    if (instance->flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
+    uint32_t instance = scene->primitives[id].instance;
+    bool front = sum_sign * scene->instance_data[instance].determinant_sign < 0;
+    return front != ((scene->instances[instance].flags & GN_REF_INSTANCE_FLIP_FACING) != 0);
+}
+
+bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t id, bool front)
+{
+    if (scene->instances[scene->primitives[id].instance].flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
         return true;
-    return !(trace->setup.ray->flags & (found->front ? GN_REF_RAY_CULL_FRONT_FACING : GN_REF_RAY_CULL_BACK_FACING));
+    return !(ray->flags & (front ? GN_REF_RAY_CULL_FRONT_FACING : GN_REF_RAY_CULL_BACK_FACING));
+}
+
+static bool facing_admitted(const struct gn_ref_trace *trace, int sum_sign, struct gn_ref_found *found)
+{
+    found->front = gn_ref_trace_front(trace->scene, found->id, sum_sign);
+    return gn_ref_trace_admits_facing(trace->scene, trace->setup.ray, found->id, found->front);
 }
 
 /* Everything about one triangle in exact arithmetic; false when the ray does not meet it. */
-static bool triangle_exact(struct trace *trace, struct found *found)
+bool gn_ref_trace_triangle_exact(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
     const struct gn_ref_ray *ray = trace->setup.ray;
@@ -346,7 +332,7 @@ static bool triangle_exact(struct trace *trace, struct found *found)
  * interest, or certainly inside the ray's.
  */
 enum placement { PLACEMENT_OUTSIDE, PLACEMENT_INSIDE, PLACEMENT_UNSURE };
-static enum placement estimate_place(const struct trace *trace, const struct gn_ref_estimate *estimate)
+static enum placement estimate_place(const struct gn_ref_trace *trace, const struct gn_ref_estimate *estimate)
 {
     const struct gn_ref_ray *ray = trace->setup.ray;
     if (estimate->t.lower >= ray->tmax || estimate->t.upper <= ray->tmin || estimate->t.lower > trace->limit)
@@ -354,9 +340,9 @@ static enum placement estimate_place(const struct trace *trace, const struct gn_
     return estimate->t.lower > ray->tmin && estimate->t.upper < ray->tmax ? PLACEMENT_INSIDE : PLACEMENT_UNSURE;
 }
 
-static void triangle_consider(struct trace *trace, const struct gn_ref_filter *filter, int lane_index, uint32_t id)
+static void triangle_consider(struct gn_ref_trace *trace, const struct gn_ref_filter *filter, int lane_index, uint32_t id)
 {
-    struct found found;
+    struct gn_ref_found found;
     struct gn_ref_lane lane;
     struct gn_ref_estimate estimate;
     if (!admitted(trace, id, &found))
@@ -375,7 +361,7 @@ static void triangle_consider(struct trace *trace, const struct gn_ref_filter *f
             return;
         }
     }
-    if (triangle_wide(trace, id, &lane)) {
+    if (gn_ref_trace_wide(trace, id, &lane)) {
         struct gn_ref_signs signs = {0};
         for (int i = 0; i < 3; i++) {
             signs.edge[i] = (lane.edge[i] > 0) - (lane.edge[i] < 0);
@@ -396,13 +382,13 @@ static void triangle_consider(struct trace *trace, const struct gn_ref_filter *f
         }
         found.zeros = 0;
     }
-    if (triangle_exact(trace, &found))
+    if (gn_ref_trace_triangle_exact(trace, &found))
         accept(trace, &found);
 }
 
-static void box_consider(struct trace *trace, uint32_t id)
+static void box_consider(struct gn_ref_trace *trace, uint32_t id)
 {
-    struct found found;
+    struct gn_ref_found found;
     if (!admitted(trace, id, &found))
         return;
     const struct gn_ref_ray *ray = trace->setup.ray;
@@ -444,21 +430,40 @@ static void box_consider(struct trace *trace, uint32_t id)
     accept(trace, &found);
 }
 
-static void leaf_visit(struct trace *trace, const struct gn_ref_leaf *leaf, bool triangles, bool boxes)
+/* Half of a leaf's triangles, as the filter takes them. */
+static void block_load(struct gn_ref_block *out, const struct gn_ref_bvh *bvh, uint32_t leaf, int first)
 {
-    const struct gn_ref_bvh *bvh = &trace->scene->bvh;
-    for (uint32_t i = 0; triangles && i < leaf->block_count; i++) {
-        const struct gn_ref_block *block = &bvh->blocks[leaf->first_block + i];
+    const struct gn_ref_block_f32 *narrow = bvh->blocks_f32 ? &bvh->blocks_f32[leaf] : NULL;
+    const struct gn_ref_block_f64 *wide = narrow ? NULL : &bvh->blocks_f64[leaf];
+    for (int l = 0; l < GN_REF_BLOCK_WIDTH; l++) {
+        for (int v = 0; v < 3; v++)
+            for (int axis = 0; axis < 3; axis++)
+                out->w[v][axis][l] = narrow ? (double)narrow->w[v][axis][first + l] : wide->w[v][axis][first + l];
+        out->error[l] = narrow ? 0 : wide->error[first + l];
+        out->id[l] = narrow ? narrow->id[first + l] : wide->id[first + l];
+    }
+}
+
+static void leaf_visit(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh, uint32_t leaf)
+{
+    if (bvh->boxes) {
+        for (int i = 0; i < GN_REF_NODE_WIDTH && bvh->boxes[leaf][i] != GN_REF_NONE; i++)
+            box_consider(trace, bvh->boxes[leaf][i]);
+        return;
+    }
+    for (int first = 0; first < GN_REF_NODE_WIDTH; first += GN_REF_BLOCK_WIDTH) {
+        struct gn_ref_block block;
         struct gn_ref_filter filter;
-        gn_ref_filter_block_f64(&filter, block, &trace->setup);
+        block_load(&block, bvh, leaf, first);
+        if (block.id[0] == GN_REF_NONE)
+            return;
+        gn_ref_filter_block_f64(&filter, &block, &trace->setup);
         trace->filtered += (unsigned)__builtin_popcount(filter.used & ~filter.open);
         for (unsigned open = filter.open; open; open &= open - 1) {
             int lane = __builtin_ctz(open);
-            triangle_consider(trace, &filter, lane, block->id[lane]);
+            triangle_consider(trace, &filter, lane, block.id[lane]);
         }
     }
-    for (uint32_t i = 0; boxes && i < leaf->box_count; i++)
-        box_consider(trace, bvh->boxes[leaf->first_box + i]);
 }
 
 struct pending {
@@ -466,30 +471,9 @@ struct pending {
     double t;
 };
 
-/*
- * The child's memory is asked for when it is put on the stack: it is needed soon, and scenes are larger than caches.
- * The table of leaves is small enough to be looked into for that.
- */
-static void prefetch(const struct gn_ref_bvh *bvh, uint32_t child)
-{
-    const char *memory;
-    size_t size;
-    if (child & GN_REF_LEAF_BIT) {
-        const struct gn_ref_leaf *leaf = &bvh->leaves[child & ~GN_REF_LEAF_BIT];
-        memory = (const char *)&bvh->blocks[leaf->first_block];
-        size = leaf->block_count * sizeof(struct gn_ref_block);
-    } else {
-        memory = (const char *)&bvh->nodes[child];
-        size = sizeof(struct gn_ref_node);
-    }
-    for (size_t offset = 0; offset < size; offset += 64)
-        __builtin_prefetch(memory + offset);
-}
-
 /* Only what is certainly missed, or certainly beyond the upper end of the best t so far, is skipped. */
-static void traverse(struct trace *trace, bool triangles, bool boxes)
+static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
 {
-    const struct gn_ref_bvh *bvh = &trace->scene->bvh;
     struct pending stack[GN_REF_MAX_DEPTH * GN_REF_NODE_WIDTH];
     size_t depth = 0;
     double tmin = trace->setup.ray->tmin;
@@ -501,15 +485,15 @@ static void traverse(struct trace *trace, bool triangles, bool boxes)
         if (top.t > trace->limit * (1 + 0x1p-48))
             continue;
         if (top.child & GN_REF_LEAF_BIT) {
-            leaf_visit(trace, &bvh->leaves[top.child & ~GN_REF_LEAF_BIT], triangles, boxes);
+            leaf_visit(trace, bvh, top.child & ~GN_REF_LEAF_BIT);
             continue;
         }
         const struct gn_ref_node *node = &bvh->nodes[top.child];
         double near[GN_REF_NODE_WIDTH];
         size_t base = depth;
-        for (unsigned met = gn_ref_filter_node_f64(near, node, &trace->setup, tmin, trace->limit); met; met &= met - 1) {
+        unsigned met = gn_ref_filter_node_f64(near, node, bvh->centre, &trace->setup, tmin, trace->limit);
+        for (; met; met &= met - 1) {
             int i = __builtin_ctz(met);
-            prefetch(bvh, node->child[i]);
             /* Kept with the farthest first, so that the nearest is taken first. */
             size_t place = depth++;
             while (place > base && stack[place - 1].t < near[i]) {
@@ -521,14 +505,14 @@ static void traverse(struct trace *trace, bool triangles, bool boxes)
     }
 }
 
-static bool accurate(const struct found *found)
+static bool accurate(const struct gn_ref_found *found)
 {
     return found->t_error <= 0x1p-41 * fabs(found->t_value) && found->barycentric_error <= 0x1p-41 &&
            found->t_exit_error <= 0x1p-41 * fabs(found->t_exit);
 }
 
 /* t to the accuracy that trace.h promises. */
-static void refine(struct trace *trace, struct found *found)
+static void refine(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     if (accurate(found))
         return;
@@ -549,7 +533,7 @@ static void refine(struct trace *trace, struct found *found)
     found->t_value = gn_ref_ratio_f64(exact, &exact->t);
 }
 
-static void hit_write(struct trace *trace, struct found *found, struct gn_ref_hit *out)
+void gn_ref_trace_hit_write(struct gn_ref_trace *trace, struct gn_ref_found *found, struct gn_ref_hit *out)
 {
     refine(trace, found);
     const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
@@ -569,13 +553,13 @@ static void hit_write(struct trace *trace, struct found *found, struct gn_ref_hi
 }
 
 /* Merge sort: the comparison needs the trace, and a list of a million overlapping hits must not take for ever. */
-static void sort_found(struct trace *trace, struct found *items, struct found *scratch, size_t count)
+static void sort_found(struct gn_ref_trace *trace, struct gn_ref_found *items, struct gn_ref_found *scratch, size_t count)
 {
     if (count < 2)
         return;
     if (count <= 8) {
         for (size_t i = 1; i < count; i++) {
-            struct found item = items[i];
+            struct gn_ref_found item = items[i];
             size_t place = i;
             while (place > 0 && compare_found(trace, &item, &items[place - 1]) < 0) {
                 items[place] = items[place - 1];
@@ -599,12 +583,15 @@ static void sort_found(struct trace *trace, struct found *items, struct found *s
 int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                                struct gn_ref_hit *out_hits, size_t capacity)
 {
-    struct trace trace;
-    struct found *scratch = NULL;
+    struct gn_ref_trace trace;
+    struct gn_ref_found *scratch = NULL;
     int64_t result = -1;
-    if (!trace_begin(&trace, scene, ray))
+    if (!gn_ref_trace_begin(&trace, scene, ray))
         return -1;
-    traverse(&trace, !(ray->flags & GN_REF_RAY_SKIP_TRIANGLES), !(ray->flags & GN_REF_RAY_SKIP_AABBS));
+    if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
+        traverse(&trace, &scene->bvh);
+    if (!(ray->flags & GN_REF_RAY_SKIP_AABBS))
+        traverse(&trace, &scene->box_bvh);
     if (trace.failed)
         goto out;
     if (trace.count > 8) {
@@ -614,26 +601,27 @@ int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn
     }
     sort_found(&trace, trace.found, scratch, trace.count);
     for (size_t i = 0; i < trace.count && i < capacity; i++)
-        hit_write(&trace, &trace.found[i], &out_hits[i]);
+        gn_ref_trace_hit_write(&trace, &trace.found[i], &out_hits[i]);
     result = (int64_t)trace.count;
 out:
     free(scratch);
-    trace_end(&trace);
+    gn_ref_trace_end(&trace);
     return result;
 }
 
-int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
-                                        struct gn_ref_hit *out_hit)
+int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                             struct gn_ref_hit *out_hit)
 {
-    struct trace trace;
-    if (!trace_begin(&trace, scene, ray))
+    struct gn_ref_trace trace;
+    if (!gn_ref_trace_begin(&trace, scene, ray))
         return -1;
     trace.closest = true;
-    traverse(&trace, !(ray->flags & GN_REF_RAY_SKIP_TRIANGLES), false);
+    if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
+        traverse(&trace, &scene->bvh);
     int result = trace.count > 0;
     if (result)
-        hit_write(&trace, &trace.found[0], out_hit);
-    trace_end(&trace);
+        gn_ref_trace_hit_write(&trace, &trace.found[0], out_hit);
+    gn_ref_trace_end(&trace);
     return result;
 }
 
@@ -662,14 +650,14 @@ static uint32_t find_triangle(const struct gn_ref_scene *scene, const struct gn_
 int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                            const struct gn_ref_hit *a, const struct gn_ref_hit *b)
 {
-    struct trace trace;
-    if (!trace_begin(&trace, scene, ray))
+    struct gn_ref_trace trace;
+    if (!gn_ref_trace_begin(&trace, scene, ray))
         return 0;
-    struct found first = {.id = find_triangle(scene, a), .t = {-INFINITY, INFINITY}};
-    struct found second = {.id = find_triangle(scene, b), .t = {-INFINITY, INFINITY}};
+    struct gn_ref_found first = {.id = find_triangle(scene, a), .t = {-INFINITY, INFINITY}};
+    struct gn_ref_found second = {.id = find_triangle(scene, b), .t = {-INFINITY, INFINITY}};
     int order = 0;
     if (first.id != GN_REF_NONE && second.id != GN_REF_NONE)
-        order = compare_t(&trace, &first, &second);
-    trace_end(&trace);
+        order = gn_ref_trace_compare(&trace, &first, &second);
+    gn_ref_trace_end(&trace);
     return order;
 }

@@ -90,6 +90,13 @@ int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const 
                                         struct gn_ref_hit *out_hit);
 
 /*
+ * The same for many rays: out_found[i] is what the call above returns for rays[i], out_hits[i] is written where that
+ * is 1. Faster than one after the other where the scene is larger than the processor's caches.
+ */
+void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays,
+                                          size_t count, struct gn_ref_hit *out_hits, int8_t *out_found);
+
+/*
  * Compares the exact t at which the ray's line meets the planes of two triangles (named by instance, geometry and
  * primitive): -1, 0 or 1. 0 too when one is unknown, inactive, degenerate or parallel to the line. Flags, mask, tmin
  * and tmax make no difference, but have to be valid.

@@ -261,8 +261,8 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
 static bool certified_create(struct gn_ref_tracer *tracer)
 {
     const struct gn_ref_scene *scene = tracer->scene;
-    void *const parts[] = {scene->instance_data, scene->primitives, scene->bvh.nodes, scene->bvh.leaves,
-                           scene->bvh.blocks, scene->bvh.boxes};
+    void *const parts[] = {scene->instance_data,     scene->primitives,     scene->bvh.nodes,    scene->bvh.blocks_f32,
+                           scene->bvh.blocks_f64, scene->box_bvh.nodes, scene->box_bvh.boxes};
     for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++)
         tracer->cost.bytes += malloc_usable_size(parts[i]);
     tracer->cost.seconds = scene->commit_seconds;

@@ -57,7 +57,7 @@ static struct gn_ref_scene *reference_scene(const struct oracle_scene *scene)
 /* The accuracy that trace.h promises; the oracle's own rounding is 2^-52. */
 static bool close_to(double value, double right, double least)
 {
-    if (isinf(right) || fabs(right) < 0x1p-1000)
+    if (isinf(right) || (least == 0 && fabs(right) < 0x1p-1000))
         return value == right || fabs(value) < 0x1p-999 || isinf(value);
     return fabs(value - right) <= (0x1p-40 + 0x1p-50) * fmax(fabs(right), least);
 }
@@ -112,6 +112,13 @@ static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *or
         if (what)
             return what;
     }
+    struct gn_ref_hit batched;
+    int8_t batched_found;
+    gn_ref_trace_closest_triangles_exact(scene, ray, 1, &batched, &batched_found);
+    if (batched_found != found)
+        return "whether a batch has a closest triangle";
+    if (found && difference(&batched, &closest))
+        return "a batch's closest triangle";
     for (size_t i = 0; i + 1 < right_count; i++) {
         *out_at = i;
         if (right[i].type != GN_REF_TRIANGLES || right[i + 1].type != GN_REF_TRIANGLES)

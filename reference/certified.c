@@ -1,0 +1,452 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The closest triangle, fast: what surrounds the kernels of certified.h, and the stages below their filter. */
+#include "reference/certified.h"
+
+#include <float.h>
+#include <math.h>
+#include <stdatomic.h>
+#include <stdlib.h>
+#include <string.h>
+
+/* Below this the processor's caches hold the tree, and one ray after the other is faster than many in flight. */
+#define IN_CACHE_BYTES (UINT64_C(3) << 19)
+
+static float round_down(double value)
+{
+    float rounded = (float)value;
+    return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded;
+}
+
+static float round_up(double value)
+{
+    return -round_down(-value);
+}
+
+/* The kernels. */
+
+struct kernel {
+    const char *name;
+    gn_ref_certified_run *run;
+};
+
+static bool kernel_find(const char *name, struct kernel *out)
+{
+    static const struct kernel kernels[] = {
+#ifdef GN_REF_X86_KERNELS
+        {"avx512", gn_ref_certified_run_avx512},
+        {"avx2", gn_ref_certified_run_avx2},
+#endif
+        {"portable", gn_ref_certified_run_portable},
+        {"none", NULL},
+    };
+    for (size_t i = 0; i < sizeof kernels / sizeof kernels[0]; i++) {
+        bool runs = true;
+#ifdef GN_REF_X86_KERNELS
+        __builtin_cpu_init();
+        bool avx2 = __builtin_cpu_supports("avx2") && __builtin_cpu_supports("fma") && __builtin_cpu_supports("bmi");
+        if (i == 0)
+            runs = avx2 && __builtin_cpu_supports("avx512f") && __builtin_cpu_supports("avx512dq") &&
+                   __builtin_cpu_supports("avx512vl") && __builtin_cpu_supports("avx512bw");
+        else if (i == 1)
+            runs = avx2;
+#endif
+        if (runs && (!name || strcmp(name, kernels[i].name) == 0)) {
+            *out = kernels[i];
+            return true;
+        }
+    }
+    return false;
+}
+
+static _Atomic(gn_ref_certified_run *) chosen;
+static atomic_bool chosen_ready;
+
+bool gn_ref_certified_force(const char *name)
+{
+    struct kernel kernel;
+    if (!kernel_find(name, &kernel))
+        return false;
+    atomic_store(&chosen, kernel.run);
+    atomic_store(&chosen_ready, true);
+    return true;
+}
+
+static gn_ref_certified_run *kernel_choose(void)
+{
+    if (!atomic_load_explicit(&chosen_ready, memory_order_acquire)) {
+        const char *name = getenv("GNOMON_REFERENCE_KERNEL");
+        if (!name || !gn_ref_certified_force(name))
+            gn_ref_certified_force(NULL);
+    }
+    return atomic_load_explicit(&chosen, memory_order_relaxed);
+}
+
+/* A ray, and what is found about it. */
+
+bool gn_ref_flight_start(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+{
+    const struct gn_ref_bvh *bvh = &scene->bvh;
+    double p[3], reach = 0;
+    int z = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        p[axis] = (double)ray->origin[axis] - bvh->centre[axis];
+        double far = fabs(p[axis]) + bvh->half[axis];
+        reach = far > reach ? far : reach;
+        if (fabsf(ray->direction[axis]) > fabsf(ray->direction[z]))
+            z = axis;
+    }
+    reach *= 1 + 0x1p-40;
+    if (!(reach >= GN_REF_LEAST_REACH && reach <= GN_REF_MOST_REACH))
+        return false;
+    int x = z == 2 ? 0 : z + 1, y = z == 0 ? 2 : z - 1;
+    double depth = ray->direction[z], length = fabs(depth), inverse_length = 1 / depth;
+    double delta = 4 * 0x1p-24 * reach;
+    for (int axis = 0; axis < 3; axis++) {
+        double d = ray->direction[axis];
+        double inverse = fabs(d) >= length * 0x1p-30 ? length / d : d < 0 ? -0x1p30 : 0x1p30;
+        flight->scale[axis] = (float)inverse;
+        flight->near_bias[axis] = (float)(p[axis] * inverse + delta * fabs(inverse));
+        flight->far_bias[axis] = (float)(p[axis] * inverse - delta * fabs(inverse));
+        uint32_t lower = (uint32_t)(offsetof(struct gn_ref_node, lower) + (size_t)axis * sizeof(float[GN_REF_NODE_WIDTH]));
+        uint32_t upper = (uint32_t)(offsetof(struct gn_ref_node, upper) + (size_t)axis * sizeof(float[GN_REF_NODE_WIDTH]));
+        flight->near_offset[axis] = inverse < 0 ? upper : lower;
+        flight->far_offset[axis] = inverse < 0 ? lower : upper;
+    }
+    const int axes[3] = {x, y, z};
+    for (int i = 0; i < 3; i++) {
+        flight->offset[i] = (uint32_t)axes[i] * GN_REF_NODE_WIDTH;
+        flight->origin[i] = ray->origin[axes[i]];
+        flight->direction[i] = ray->direction[axes[i]];
+    }
+    flight->shear[0] = ray->direction[x] * inverse_length;
+    flight->shear[1] = ray->direction[y] * inverse_length;
+    flight->sign = depth < 0 ? -1 : 1;
+    flight->length = length;
+    flight->eps = 8 * 0x1p-53 * reach;
+    flight->s_first = ray->tmin * length + 0.0;
+    flight->s_last = ray->tmax * length;
+    flight->s_first_f32 = round_down(fmin(flight->s_first, FLT_MAX));
+    flight->s_limit_f32 = round_up(fmin(flight->s_last, reach));
+    flight->plain = !scene->masked && (ray->cull_mask & 0xFF) != 0 &&
+                    (ray->flags & (GN_REF_RAY_CULL_BACK_FACING | GN_REF_RAY_CULL_FRONT_FACING |
+                                   GN_REF_RAY_CULL_OPAQUE | GN_REF_RAY_CULL_NO_OPAQUE)) == 0;
+    flight->current = 0;
+    flight->depth = 0;
+    flight->best.id = GN_REF_NONE;
+    flight->best.upper = INFINITY;
+    flight->ray = ray;
+    return true;
+}
+
+static void take(struct gn_ref_flight *flight, const struct gn_ref_candidate *candidate, const struct gn_ref_scene *scene)
+{
+    flight->best = *candidate;
+    float limit = round_up(candidate->upper);
+    if (limit < flight->s_limit_f32)
+        flight->s_limit_f32 = limit;
+    __builtin_prefetch(&scene->primitives[candidate->id]);
+}
+
+/* The trace of the slow stages, for this flight's ray. */
+static struct gn_ref_trace *slow_stage(struct gn_ref_certified *call, struct gn_ref_flight *flight)
+{
+    struct gn_ref_trace *slow = &call->slow;
+    if (call->slow_ray == flight->ray)
+        return slow;
+    if (!call->slow_ray) {
+        slow->scene = call->scene;
+        slow->closest = true;
+        slow->found = slow->local;
+        slow->count = 0;
+        slow->filtered = slow->wide = slow->exact_count = 0;
+        slow->exact_ready = false;
+    }
+    call->slow_ray = flight->ray;
+    slow->integers_ready = false;
+    gn_ref_ray_prepare(&slow->setup, flight->ray);
+    call->slow_setup = slow->setup;
+    call->slow_setup.depth = flight->sign;
+    return slow;
+}
+
+static void lane_corners(const struct gn_ref_bvh *bvh, uint32_t leaf, int lane, double out[3][3])
+{
+    for (int v = 0; v < 3; v++)
+        for (int axis = 0; axis < 3; axis++)
+            out[v][axis] = bvh->blocks_f32 ? (double)bvh->blocks_f32[leaf].w[v][axis][lane]
+                                           : bvh->blocks_f64[leaf].w[v][axis][lane];
+}
+
+static bool lane_is_exact(const struct gn_ref_bvh *bvh, uint32_t leaf, int lane)
+{
+    return bvh->blocks_f32 || bvh->blocks_f64[leaf].error[lane] == 0;
+}
+
+/*
+ * Two triangles that the ray meets in the same vertex, or in edges with the same ends, are met at the same place:
+ * the usual tie.
+ */
+static bool same_feature(const struct gn_ref_bvh *bvh, const struct gn_ref_candidate *a,
+                         const struct gn_ref_candidate *b)
+{
+    /* The vertices that the point is a combination of: those whose edge function is not 0. */
+    unsigned left = ~a->zeros & 7u, right = ~b->zeros & 7u;
+    if (!a->zeros || !b->zeros || __builtin_popcount(left) != __builtin_popcount(right) ||
+        !lane_is_exact(bvh, a->leaf, a->lane) || !lane_is_exact(bvh, b->leaf, b->lane))
+        return false;
+    double p[3][3], q[3][3];
+    lane_corners(bvh, a->leaf, a->lane, p);
+    lane_corners(bvh, b->leaf, b->lane, q);
+    for (int i = 0; i < 3; i++) {
+        bool matched = !(left >> i & 1);
+        for (int j = 0; j < 3 && !matched; j++)
+            matched = (right >> j & 1) && p[i][0] == q[j][0] && p[i][1] == q[j][1] && p[i][2] == q[j][2];
+        if (!matched)
+            return false;
+    }
+    return true;
+}
+
+/* Whether a triangle that is met is before the best, by s and then by id. */
+static bool before_best(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                        const struct gn_ref_candidate *candidate)
+{
+    const struct gn_ref_candidate *best = &flight->best;
+    if (best->id == GN_REF_NONE || candidate->upper < best->lower)
+        return true;
+    if (candidate->lower > best->upper)
+        return false;
+    if (same_feature(&call->scene->bvh, candidate, best))
+        return candidate->id < best->id;
+    struct gn_ref_found a = {.id = candidate->id, .t = {-INFINITY, INFINITY}, .zeros = candidate->zeros};
+    struct gn_ref_found b = {.id = best->id, .t = {-INFINITY, INFINITY}, .zeros = best->zeros};
+    int order = gn_ref_trace_compare(slow_stage(call, flight), &a, &b);
+    return order < 0 || (order == 0 && candidate->id < best->id);
+}
+
+void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                            const struct gn_ref_candidate *candidate)
+{
+    if (!(candidate->lower > flight->s_first && candidate->upper < flight->s_last)) {
+        gn_ref_certified_consider(call, flight, candidate->leaf, candidate->lane);
+        return;
+    }
+    if (!flight->plain) {
+        bool opaque;
+        bool front = gn_ref_trace_front(call->scene, candidate->id, candidate->sum_sign);
+        if (!gn_ref_trace_admits(call->scene, flight->ray, candidate->id, &opaque) ||
+            !gn_ref_trace_admits_facing(call->scene, flight->ray, candidate->id, front))
+            return;
+    }
+    if (before_best(call, flight, candidate))
+        take(flight, candidate, call->scene);
+}
+
+/* What the integers of wide.c say of a triangle. */
+enum decision { DECISION_MISS, DECISION_HIT, DECISION_UNKNOWN };
+static enum decision lane_decide(struct gn_ref_candidate *candidate, const struct gn_ref_lane *lane,
+                                 const struct gn_ref_flight *flight, const struct gn_ref_ray_setup *setup)
+{
+    struct gn_ref_signs signs = {0};
+    struct gn_ref_estimate estimate;
+    for (int i = 0; i < 3; i++)
+        signs.edge[i] = (lane->edge[i] > 0) - (lane->edge[i] < 0);
+    if (!gn_ref_signs_meet(&signs))
+        return DECISION_MISS;
+    if (!gn_ref_estimate_f64(&estimate, lane, setup))
+        return DECISION_UNKNOWN;
+    if (estimate.t.lower >= flight->s_last || estimate.t.upper <= flight->s_first ||
+        estimate.t.lower > flight->best.upper)
+        return DECISION_MISS;
+    if (!(estimate.t.lower > flight->s_first && estimate.t.upper < flight->s_last))
+        return DECISION_UNKNOWN;
+    candidate->lower = estimate.t.lower;
+    candidate->upper = estimate.t.upper;
+    candidate->s = estimate.t_value;
+    candidate->s_error = estimate.t_error;
+    candidate->beta = estimate.beta;
+    candidate->gamma = estimate.gamma;
+    candidate->barycentric_error = estimate.barycentric_error;
+    candidate->sum_sign = estimate.sum_sign;
+    for (int i = 0; i < 3; i++)
+        candidate->zeros |= (uint16_t)((signs.edge[i] == 0) << i);
+    return DECISION_HIT;
+}
+
+static enum decision triangle_decide(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                                     struct gn_ref_candidate *candidate)
+{
+    struct gn_ref_trace *slow = slow_stage(call, flight);
+    struct gn_ref_lane lane;
+    enum decision decision = DECISION_UNKNOWN;
+    call->filtered--;
+    if (gn_ref_trace_wide(slow, candidate->id, &lane))
+        decision = lane_decide(candidate, &lane, flight, &call->slow_setup);
+    if (decision != DECISION_UNKNOWN)
+        return decision;
+    struct gn_ref_found found = {.id = candidate->id};
+    if (!gn_ref_trace_triangle_exact(slow, &found))
+        return DECISION_MISS;
+    const struct gn_ref_primitive *primitive = &call->scene->primitives[candidate->id];
+    bool flipped = call->scene->instances[primitive->instance].flags & GN_REF_INSTANCE_FLIP_FACING;
+    int determinant_sign = call->scene->instance_data[primitive->instance].determinant_sign;
+    candidate->sum_sign = found.front != flipped ? -determinant_sign : determinant_sign;
+    double lower = found.t.lower * flight->length, upper = found.t.upper * flight->length;
+    candidate->lower = lower - (fabs(lower) * 0x1p-51 + 0x1p-1000);
+    candidate->upper = upper + (fabs(upper) * 0x1p-51 + 0x1p-1000);
+    candidate->s = found.t_value * flight->length;
+    candidate->s_error = INFINITY; /* the caller wants t */
+    candidate->zeros = (uint16_t)found.zeros;
+    return DECISION_HIT;
+}
+
+void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t leaf, int lane)
+{
+    const struct gn_ref_bvh *bvh = &call->scene->bvh;
+    struct gn_ref_candidate candidate = {
+        .id = bvh->blocks_f32 ? bvh->blocks_f32[leaf].id[lane] : bvh->blocks_f64[leaf].id[lane],
+        .leaf = leaf,
+        .lane = (uint16_t)lane,
+    };
+    bool opaque;
+    if (!flight->plain && !gn_ref_trace_admits(call->scene, flight->ray, candidate.id, &opaque))
+        return;
+    if (triangle_decide(call, flight, &candidate) != DECISION_HIT)
+        return;
+    if (!flight->plain &&
+        !gn_ref_trace_admits_facing(call->scene, flight->ray, candidate.id,
+                                gn_ref_trace_front(call->scene, candidate.id, candidate.sum_sign)))
+        return;
+    if (before_best(call, flight, &candidate))
+        take(flight, &candidate, call->scene);
+}
+
+static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *flight, struct gn_ref_hit *out)
+{
+    const struct gn_ref_candidate *best = &flight->best;
+    const struct gn_ref_scene *scene = call->scene;
+    if (best->id == GN_REF_NONE)
+        return 0;
+    bool opaque;
+    gn_ref_trace_admits(scene, flight->ray, best->id, &opaque);
+    bool front = gn_ref_trace_front(scene, best->id, best->sum_sign);
+    if (!gn_ref_candidate_accurate(best)) {
+        struct gn_ref_found found = {.id = best->id, .t_error = INFINITY, .front = front, .opaque = opaque};
+        gn_ref_trace_hit_write(slow_stage(call, flight), &found, out);
+        return 1;
+    }
+    const struct gn_ref_primitive *primitive = &scene->primitives[best->id];
+    double t = best->s / flight->length;
+    *out = (struct gn_ref_hit){
+        .type = GN_REF_TRIANGLES,
+        .instance = primitive->instance,
+        .geometry = primitive->geometry,
+        .primitive = primitive->primitive,
+        .t = t,
+        .t_exit = t,
+        .beta = best->beta,
+        .gamma = best->gamma,
+        .front = front,
+        .opaque = opaque,
+    };
+    return 1;
+}
+
+/* Calls. */
+
+static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene *scene)
+{
+    call->scene = scene;
+    call->filtered = 0;
+    call->slow_ray = NULL;
+    gn_ref_environment_enter(&call->environment);
+}
+
+static void call_end(struct gn_ref_certified *call)
+{
+    if (call->slow_ray) {
+        gn_ref_trace_count(0, call->slow.wide, call->slow.exact_count);
+        if (call->slow.exact_ready)
+            gn_ref_exact_finish(&call->slow.exact);
+    }
+    gn_ref_trace_count(call->filtered, 0, 0);
+    gn_ref_environment_leave(&call->environment);
+}
+
+/* What needs no traversal: 1 when the flight has been started, 0 and the answer otherwise. */
+static bool ray_begin(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct gn_ref_ray *ray,
+                      gn_ref_certified_run *run, struct gn_ref_hit *out_hit, int *out_found)
+{
+    const struct gn_ref_scene *scene = call->scene;
+    if (!scene->committed || !gn_ref_trace_ray_valid(ray)) {
+        *out_found = -1;
+        return false;
+    }
+    if (scene->bvh.node_count == 0 || (ray->flags & GN_REF_RAY_SKIP_TRIANGLES)) {
+        *out_found = 0;
+        return false;
+    }
+    if (!run || !gn_ref_flight_start(flight, scene, ray)) {
+        *out_found = gn_ref_trace_closest_any(scene, ray, out_hit);
+        return false;
+    }
+    return true;
+}
+
+bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *flight)
+{
+    while (call->next < call->count) {
+        size_t i = call->next++;
+        int found;
+        flight->index = i;
+        if (ray_begin(call, flight, &call->rays[i], kernel_choose(), &call->hits[i], &found))
+            return true;
+        call->found[i] = (int8_t)found;
+    }
+    return false;
+}
+
+void gn_ref_certified_end(struct gn_ref_certified *call, struct gn_ref_flight *flight)
+{
+    call->found[flight->index] = (int8_t)flight_answer(call, flight, &call->hits[flight->index]);
+}
+
+int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                                        struct gn_ref_hit *out_hit)
+{
+    struct gn_ref_certified call;
+    struct gn_ref_flight flight;
+    gn_ref_certified_run *run = kernel_choose();
+    int found;
+    call_begin(&call, scene);
+    if (ray_begin(&call, &flight, ray, run, out_hit, &found)) {
+        run(&call, &flight);
+        found = flight_answer(&call, &flight, out_hit);
+    }
+    call_end(&call);
+    return found;
+}
+
+void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays,
+                                          size_t count, struct gn_ref_hit *out_hits, int8_t *out_found)
+{
+    struct gn_ref_certified call;
+    gn_ref_certified_run *run = kernel_choose();
+    call_begin(&call, scene);
+    call.rays = rays;
+    call.count = count;
+    call.next = 0;
+    call.hits = out_hits;
+    call.found = out_found;
+    uint64_t bytes = gn_ref_bvh_bytes(&scene->bvh);
+    if (run && bytes > IN_CACHE_BYTES) {
+        run(&call, NULL);
+    } else {
+        struct gn_ref_flight flight;
+        while (gn_ref_certified_next(&call, &flight)) {
+            run(&call, &flight);
+            gn_ref_certified_end(&call, &flight);
+        }
+    }
+    call_end(&call);
+}

@@ -1,0 +1,139 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The fast half of the closest hit: a traversal in f32 that loses no candidate, a filter in f64 over the eight triangles
+ * of a leaf, and for what they cannot decide the stages of certified.c. Kernels of the same text are compiled for
+ * several instruction sets (certified_kernel.h).
+ *
+ * Lengths along the ray are measured as s = t |d_k|, k being the axis along which the direction d is largest, so that
+ * s is the distance along k and every component of the direction is at most 1 in magnitude. Neither the direction's
+ * length nor its exponents then matter: only R does, which bounds |w - o| in every coordinate and for every vertex w
+ * of the scene. All below holds for 2^-80 <= R <= 2^90 (GN_REF_LEAST_REACH, GN_REF_MOST_REACH), rounding to nearest
+ * without flushing, and rays that gn_ref_trace_ray_valid() passes; everything else takes the f64 traversal of trace.c.
+ *
+ * The slab test. u = 2^-24. Bounds b are relative to the tree's centre c; p = o - c is rounded by 2^-53 of itself.
+ * g = d / |d_k| per axis. A hit at s has s <= R, for it lies within the scene. Where |g| < 2^-30 the traversal uses
+ * g' = +-2^-30 instead: on the way to the hit the ray then is off by at most R 2^-30, so the bounds have to be that much
+ * wider. For the exact inverse i of g (or g'), 1 <= |i| <= 2^30, a slab's end is at (b - p) i. Computed is
+ *     b fl(i) - fl(p i +- delta),
+ * from rounding i: u |b i|; from rounding the bias: u (|p i| + delta); from the product and the difference, when
+ * they are rounded separately, u |b i| + u (|b i| + |p i| + delta) (1 + u). With |b| + |p| <= R together less than
+ * 3.01 u R |i| + 2.01 u delta, and R 2^-30 |i| = R |i| u / 64 for the wider bounds. Hence
+ *     delta = 4 u R |i|,
+ * towards smaller s where the ray enters and towards larger s where it leaves, is enough; what is below f32's range
+ * (2^-149 at a time) vanishes in its 2^-23 R >= 2^-103. The largest number is below 2^122. No infinity or NaN arises
+ * but from the bounds of children that are not there, which are +inf on entry and -inf on exit whatever the sign of i.
+ *
+ * The filter over triangles is that of filter.c, whose words apply, with two differences. R is the ray's and not the
+ * triangle's, which only makes the bound larger. S is d_x times the rounded reciprocal of d_k: an error of 2 u |S|
+ * (u = 2^-53 from here on) instead of u |S| and |S| <= 1 + u, which adds u R to the 6 u R that a coordinate was found
+ * to be wrong by: eps = 8 u R + 3 e still covers it. The error E = eps (1.5 n + 4 eps) is computed with n over all
+ * three vertices, for all three edge functions.
+ *
+ * s of a triangle that is certainly met: edge functions U, V, W are all of one sign, beyond E. S = U + V + W is wrong by
+ * at most E_S = 3.5 E + 8 u |S| (a margin for its own rounding), which has to be below |S| / 64. b = V / S, computed as V times
+ * the rounded reciprocal: 0 < b < 1 + 4u, wrong by less than
+ *     (E + E_S) / (|S| - E_S) + 4 u <= f = 1.0625 (4.5 E + 8 u |S|) / |S| + 8 u,
+ * c alike. s = A_z + b (B_z - A_z) + c (C_z - A_z), with P = |B_z - A_z| + |C_z - A_z|: an error of eps in A_z, of
+ * at most 2 eps + u |.| in each difference, whose weights b and c sum up to less than 1 + 8u, of f (P + 4 eps) from the weights and of
+ * 3 u P + 2 u |s| from rounding, where |s| <= 1.01 R. As 8 u R <= eps and f < 1/8:
+ *     |error of s| <= eps + 2.1 eps + f P + eps / 2 + 4 u P + eps / 3 <= 4 eps + (f + 4 u) P.
+ * Used is 5 eps + (f + 8 u) P.
+ */
+#ifndef GNOMON_REFERENCE_CERTIFIED_H
+#define GNOMON_REFERENCE_CERTIFIED_H
+
+#include "reference/trace_internal.h"
+
+#define GN_REF_LEAST_REACH 0x1p-80
+#define GN_REF_MOST_REACH 0x1p90
+
+/* A triangle that the ray meets. The interval contains s. */
+struct gn_ref_candidate {
+    double lower, upper;
+    double s, s_error;
+    double beta, gamma, barycentric_error;
+    uint32_t id;
+    uint32_t leaf;
+    uint16_t lane;
+    uint16_t zeros; /* bit i: edge function i is exactly 0 */
+    int sum_sign; /* of U + V + W */
+};
+
+/* Whether the caller may have its numbers. */
+static inline bool gn_ref_candidate_accurate(const struct gn_ref_candidate *candidate)
+{
+    return candidate->s_error <= 0x1p-42 * candidate->s && candidate->barycentric_error <= 0x1p-42;
+}
+
+#define GN_REF_STACK_SIZE (GN_REF_MAX_DEPTH * GN_REF_NODE_WIDTH)
+
+/* One ray on its way. */
+struct gn_ref_flight {
+    /* The slab test: s = bound * scale - bias; offsets into a node in bytes of what is met first and last. */
+    float scale[3];
+    float near_bias[3], far_bias[3];
+    uint32_t near_offset[3], far_offset[3];
+    float s_first_f32; /* rounded down */
+    float s_limit_f32; /* rounded up: no larger s is of interest */
+    /* The filter, in the order of axes x, y, z = k. */
+    uint32_t offset[3]; /* of the axis in a block, in lanes */
+    double origin[3];
+    double shear[2];
+    double sign; /* of d_k */
+    double direction[3];
+    double eps; /* 8 u R */
+    double s_first, s_last; /* tmin and tmax times |d_k|, which is exact */
+    bool plain; /* no mask, culling or opacity flag can keep a triangle from being met */
+    uint32_t current; /* the child to be visited next */
+    uint32_t depth;
+    struct gn_ref_candidate best; /* id GN_REF_NONE: none yet */
+    const struct gn_ref_ray *ray;
+    size_t index; /* of the ray in the batch */
+    double length; /* |d_k| */
+    uint64_t stack[GN_REF_STACK_SIZE]; /* where the box is entered, as the bits of an f32, above the child */
+};
+
+/* One call: what its rays share. */
+struct gn_ref_certified {
+    const struct gn_ref_scene *scene;
+    struct gn_ref_environment environment;
+    uint64_t filtered, wide, exact;
+    /* For what the filter cannot decide; of the ray that last needed it. */
+    const struct gn_ref_ray *slow_ray;
+    bool slow_exact_ready;
+    struct gn_ref_ray_setup slow_setup; /* of that ray with d_k = +-1: gives s in place of t */
+    struct gn_ref_trace slow;
+    /* The batch. */
+    const struct gn_ref_ray *rays;
+    size_t count, next;
+    struct gn_ref_hit *hits;
+    int8_t *found;
+};
+
+/* False when the ray is outside the range above. */
+bool gn_ref_flight_start(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray);
+/* The next ray of the batch that needs a flight; false when there is none. */
+bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *flight);
+/* Writes the answer of a flight that has ended. */
+void gn_ref_certified_end(struct gn_ref_certified *call, struct gn_ref_flight *flight);
+
+/* Decides about a triangle by the exact stages and takes it if it is nearer than the best. */
+void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t leaf, int lane);
+/* Takes a triangle that is certainly met unless a mask or flag forbids it or s cannot be placed. */
+void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                            const struct gn_ref_candidate *candidate);
+
+/* A kernel: traces the batch, or, where single is given, that flight to its end. */
+typedef void gn_ref_certified_run(struct gn_ref_certified *call, struct gn_ref_flight *single);
+gn_ref_certified_run gn_ref_certified_run_portable;
+gn_ref_certified_run gn_ref_certified_run_avx2;
+gn_ref_certified_run gn_ref_certified_run_avx512;
+
+/*
+ * Chooses the kernel by name: "avx512", "avx2", "portable", or "none" for the f64 traversal alone; NULL for the best one.
+ * False when this machine has none of that name. The variable GNOMON_REFERENCE_KERNEL does the same from outside. For
+ * tests: all give the same answers.
+ */
+bool gn_ref_certified_force(const char *name);
+
+#endif
