@@ -312,6 +312,8 @@ static void search_run(struct search *search)
 {
     const struct state *state = search->tracer->state;
     struct gn_ref_environment environment;
+    if (isinf(search->ray->tmin)) /* no place is that far away, and it is no number to compare with */
+        return;
     gn_ref_environment_enter(&environment);
     bool over = false;
     if (!(search->ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
