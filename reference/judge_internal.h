@@ -24,6 +24,9 @@ struct gn_judge_instance {
     int orientation; /* the sign of det M */
 };
 
+/* Likewise a product of two sheared coordinates, whatever their sizes, in units. */
+#define GN_PRODUCT_UNDERFLOW (0x1p-126 / GN_UNIT)
+
 /* One triangle as a corner of the connectivity tables sees it. */
 struct gn_judge_triangle {
     uint32_t geometry;

@@ -159,10 +159,11 @@ static void view_make(const struct gn_ref_object_ray *ray, double vertices[3][3]
         view->edge[c] = dot(ray->direction, products[c]);
         view->edge_change[c] =
             GN_UNIT * (dot_absolute(products[c], ray->size_direction) + dot_absolute(side[p], view->size[n]) +
-                       dot_absolute(side[n], view->size[p]) + dot_absolute(between, ray->size_origin));
+                       dot_absolute(side[n], view->size[p]) + dot_absolute(between, ray->size_origin) +
+                       fabs(ray->direction[k]) * GN_PRODUCT_UNDERFLOW);
         view->det_change += dot_absolute(between, view->size[c]);
     }
-    view->det_change *= GN_UNIT;
+    view->det_change = GN_UNIT * (view->det_change + fabs(ray->direction[k]) * GN_PRODUCT_UNDERFLOW);
     view->det = dot(ray->direction, view->normal);
     view->t = NAN;
     view->t_change = INFINITY;
@@ -228,7 +229,7 @@ static void hit_error_of(const struct gn_ref_object_ray *ray, const struct view 
     }
     for (int corner = 0; corner < 3; corner++) {
         int n = (corner + 1) % 3, p = (corner + 2) % 3;
-        double products = fabs(x[n] * y[p]) + fabs(y[n] * x[p]), most = 1 / (bound * GN_UNIT);
+        double products = fabs(x[n] * y[p]) + fabs(y[n] * x[p]) + GN_PRODUCT_UNDERFLOW, most = 1 / (bound * GN_UNIT);
         double moved = products < most * det ? products / det : most;
         sideways[kx] += moved * fabs(x[corner]);
         sideways[ky] += moved * fabs(y[corner]);
@@ -888,6 +889,10 @@ bool gn_ref_judge_committed(struct gn_ref_judge *judge, const struct gn_ref_ray 
         }
     }
 
+    if (answer->kind != GN_REF_ANSWER_NONE && answer->kind != GN_REF_ANSWER_TRIANGLE &&
+        answer->kind != GN_REF_ANSWER_GENERATED && worsens(out, GN_REF_WRONG, 0))
+        reason_set(out, "commits a hit of the unknown type %d", (int)answer->kind);
+
     /* What was lost besides makes a wrong answer no worse, and one that names nothing has no place on the ray. */
     if (out->cls == GN_REF_WRONG) {
         ok = true;
@@ -997,9 +1002,15 @@ bool gn_ref_judge_candidates(struct gn_ref_judge *judge, const struct gn_ref_ray
             if (!judge_triangle(judge, ray, answer, ideal, &facts, out) ||
                 !double_hit(judge, ray, candidates, candidate_count, i, out))
                 goto end;
-        } else if (facts.geometry->type != GN_REF_AABBS && worsens(out, GN_REF_WRONG, 0)) {
-            reason_set(out, "presents an AABB where geometry %u of instance %u holds triangles",
-                       answer->geometry, answer->instance);
+        } else if (answer->kind != GN_REF_ANSWER_GENERATED) {
+            if (worsens(out, GN_REF_WRONG, 0))
+                reason_set(out, "presents a candidate of the unknown type %d", (int)answer->kind);
+        } else if (facts.geometry->type != GN_REF_AABBS) {
+            if (worsens(out, GN_REF_WRONG, 0))
+                reason_set(out, "presents an AABB where geometry %u of instance %u holds triangles",
+                           answer->geometry, answer->instance);
+        } else if (isnan(facts.geometry->aabbs[answer->primitive][0]) && worsens(out, GN_REF_WRONG, 0)) {
+            reason_set(out, "presents AABB %u, which is inactive", answer->primitive);
         }
         /* The flag is about any-hit shaders: AABBs may be presented repeatedly all the same. */
         if (answer->kind == GN_REF_ANSWER_TRIANGLE && facts.geometry->flags & GN_REF_GEOMETRY_NO_DUPLICATE)

@@ -298,6 +298,14 @@ static void test_policy_and_boxes(void **state)
     boxes_twice[2].primitive = 0;
     assert_true(gn_ref_judge_candidates(fixture.judge, &ray, boxes_twice, 3, &miss, &listed));
     assert_int_equal(listed.cls, GN_REF_EXACT); /* an AABB may be presented repeatedly */
+    boxes_twice[1].primitive = 2;
+    assert_true(gn_ref_judge_candidates(fixture.judge, &ray, boxes_twice, 3, &miss, &listed));
+    assert_int_equal(listed.cls, GN_REF_WRONG); /* but an inactive one never */
+    boxes_twice[1] = boxes_twice[0];
+    boxes_twice[1].kind = 77;
+    assert_true(gn_ref_judge_candidates(fixture.judge, &ray, boxes_twice, 3, &miss, &listed));
+    assert_int_equal(listed.cls, GN_REF_WRONG); /* nor something that is no type at all */
+    expect("a committed hit of no type", &fixture, &ray, &both, &boxes_twice[1], GN_REF_WRONG);
     answer.primitive = 2;
     answer.t = 8;
     both.generate_mask = 7;
