@@ -58,27 +58,28 @@ typedef double transform_maker(struct gn_random *random, double value, float ins
 
 struct placement {
     transform_maker *make;
+    uint32_t places; /* how many transforms; 0: 8 */
     bool geometry; /* the geometry has a transform as well */
     bool shrunk; /* the mesh is as thin as the instance is stretched */
     bool culled; /* back or front faces are culled for two rays in three */
     enum gn_cts_program program;
 };
 
-/* Instances of a mesh, each for the rays of its own bit of the mask, so that none hides another. */
+/* Instances of a mesh, each for the rays of its own bit of the mask, so that up to 8 do not hide each other. */
 static void placed(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
 {
-    enum { PLACES = 8 };
     static const uint32_t flags[3] = {0, GN_REF_RAY_CULL_BACK_FACING, GN_REF_RAY_CULL_FRONT_FACING};
     const struct placement *placement = request->params;
+    const uint32_t places = placement->places ? placement->places : 8;
     struct gn_mesh mesh = blob(request);
     if (placement->shrunk)
         mesh = gn_mesh_scaled(request->arena, &mesh, 1 / request->value, 1, request->value, 0, 0, 0);
-    struct gn_cts_blas *blases = GN_NEW(request->arena, struct gn_cts_blas, PLACES);
-    struct gn_cts_geometry *geometries = GN_NEW(request->arena, struct gn_cts_geometry, PLACES);
-    struct gn_cts_instance *all = GN_NEW(request->arena, struct gn_cts_instance, PLACES);
-    float(*transforms)[12] = gn_arena_alloc(request->arena, PLACES, sizeof *transforms);
-    double distance[PLACES];
-    for (uint32_t i = 0; i < PLACES; i++) {
+    struct gn_cts_blas *blases = GN_NEW(request->arena, struct gn_cts_blas, places);
+    struct gn_cts_geometry *geometries = GN_NEW(request->arena, struct gn_cts_geometry, places);
+    struct gn_cts_instance *all = GN_NEW(request->arena, struct gn_cts_instance, places);
+    float(*transforms)[12] = gn_arena_alloc(request->arena, places, sizeof *transforms);
+    double *distance = GN_NEW(request->arena, double, places);
+    for (uint32_t i = 0; i < places; i++) {
         geometries[i] = gn_geometry_of_mesh(&mesh);
         geometries[i].flags = GN_REF_GEOMETRY_OPAQUE;
         if (placement->geometry)
@@ -86,25 +87,25 @@ static void placed(const struct gn_sweep_request *request, struct gn_sweep_scene
         blases[i].geometries = &geometries[i];
         blases[i].geometry_count = 1;
         all[i] = gn_instance_of(i, NULL);
-        all[i].mask = 1u << i;
+        all[i].mask = 1u << i % 8;
         all[i].custom_index = i;
         distance[i] = placement->make(request->random, request->value, all[i].transform, transforms[i]);
     }
     out->scene = (struct gn_cts_scene){
-        .blases = blases, .blas_count = PLACES, .instances = all, .instance_count = PLACES};
+        .blases = blases, .blas_count = places, .instances = all, .instance_count = places};
     out->program = placement->program;
     out->ray_count = request->ray_count;
     out->rays = GN_NEW(request->arena, struct gn_cts_ray, request->ray_count);
     for (uint32_t i = 0; i < out->ray_count; i++) {
-        uint32_t at = i % PLACES;
+        uint32_t at = i % places;
         struct gn_aim_options options = {.geometry_transform = geometries[at].transform,
                                          .instance_transform = all[at].transform,
-                                         .aim = i / PLACES % 5 ? GN_AIM_INTERIOR : GN_AIM_EDGE,
+                                         .aim = i / places % 5 ? GN_AIM_INTERIOR : GN_AIM_EDGE,
                                          .distance = distance[at]};
         gn_stability_aim(request, &mesh, &options, &out->rays[i]);
-        out->rays[i].ray.cull_mask = 1u << at;
+        out->rays[i].ray.cull_mask = 1u << at % 8;
         if (placement->culled)
-            out->rays[i].ray.flags = flags[i / PLACES % 3];
+            out->rays[i].ray.flags = flags[i / places % 3];
     }
 }
 
@@ -247,7 +248,7 @@ static double moved(struct gn_random *random, double value, float instance[12], 
 const struct gn_sweep gn_stability_read_back = {
     "translation of the instance whose matrices are read back", "", GN_SWEEP_DECADES, 1e6,
     "the translation has no part in the inverse's linear part; beyond, the rays meet nothing that can be told", 500,
-    placed, &(const struct placement){.make = moved, .program = GN_CTS_DETAIL}};
+    placed, &(const struct placement){.make = moved, .places = 64, .program = GN_CTS_DETAIL}};
 
 /* Vertex positions of the hit, after a geometry transform along no axis: three products and three sums each. */
 static void positions(const struct gn_sweep_request *request, struct gn_sweep_scene *out)

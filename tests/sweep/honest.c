@@ -38,6 +38,8 @@ static void vertex(const struct gn_cts_geometry *geometry, uint32_t index, float
 }
 
 struct object_ray {
+    struct honest_faults faults;
+    bool mirrored;
     float origin[3], direction[3], shear[3];
     int kx, ky, kz;
     float tmin, tmax;
@@ -95,11 +97,11 @@ static bool triangle(const struct object_ray *ray, float corner[3][3], struct gn
     if ((edge[0] < 0 || edge[1] < 0 || edge[2] < 0) && (edge[0] > 0 || edge[1] > 0 || edge[2] > 0))
         return false;
     float det = edge[0] + edge[1] + edge[2];
-    if (det == 0)
+    if (det == 0 || fabsf(det) < ray->faults.det_epsilon)
         return false;
     float t = (edge[0] * z[0] + edge[1] * z[1] + edge[2] * z[2]) / det;
-    bool front = det > 0;
-    if (!(t > ray->tmin && t < ray->tmax) || (front && ray->flags & GN_REF_RAY_CULL_FRONT_FACING) ||
+    bool front = (det > 0) != (ray->faults.world_facing && ray->mirrored);
+    if (!(t > ray->tmin + ray->faults.t_epsilon && t < ray->tmax) || (front && ray->flags & GN_REF_RAY_CULL_FRONT_FACING) ||
         (!front && ray->flags & GN_REF_RAY_CULL_BACK_FACING))
         return false;
     out->kind = GN_REF_ANSWER_TRIANGLE;
@@ -114,20 +116,22 @@ static bool box_met(const struct object_ray *ray, const float box[6])
 {
     float enter = ray->tmin, leave = ray->tmax;
     for (int i = 0; i < 3; i++) {
-        if (ray->direction[i] == 0) {
+        if (ray->direction[i] == 0 && !ray->faults.no_zeros) {
             if (ray->origin[i] < box[i] || ray->origin[i] > box[i + 3])
                 return false;
             continue;
         }
         float a = (box[i] - ray->origin[i]) / ray->direction[i], b = (box[i + 3] - ray->origin[i]) / ray->direction[i];
-        enter = fmaxf(enter, fminf(a, b) * (fminf(a, b) > 0 ? 0.9999995f : 1.0000005f));
-        leave = fminf(leave, fmaxf(a, b) * (fmaxf(a, b) > 0 ? 1.0000005f : 0.9999995f));
+        bool turned = ray->faults.no_zeros ? ray->direction[i] < 0 : a > b;
+        float low = turned ? b : a, high = turned ? a : b;
+        enter = fmaxf(enter, low * (low > 0 ? 0.9999995f : 1.0000005f));
+        leave = fminf(leave, high * (high > 0 ? 1.0000005f : 0.9999995f));
     }
     return enter <= leave;
 }
 
 static void answer_ray(const struct gn_sweep_scene *sweep, const float (*inverses)[9], float (*const *vertices)[3],
-                       uint32_t ray_index, struct gn_cts_answers *answers)
+                       const struct honest_faults *faults, uint32_t ray_index, struct gn_cts_answers *answers)
 {
     const struct gn_cts_scene *scene = &sweep->scene;
     struct gn_ref_answer *best = &answers->committed[ray_index];
@@ -135,9 +139,14 @@ static void answer_ray(const struct gn_sweep_scene *sweep, const float (*inverse
         const struct gn_cts_instance *instance = &scene->instances[i];
         const struct gn_cts_geometry *geometry = &scene->blases[instance->blas].geometries[0];
         struct object_ray ray;
-        if (!(instance->mask & sweep->rays[ray_index].ray.cull_mask))
+        if (!(instance->mask & sweep->rays[ray_index].ray.cull_mask) ||
+            (faults->most_instances && i >= faults->most_instances))
             continue;
         object_ray(&sweep->rays[ray_index].ray, instance, inverses[i], &ray);
+        const float *m = instance->transform;
+        ray.faults = *faults;
+        ray.mirrored = m[0] * (m[5] * m[10] - m[6] * m[9]) - m[1] * (m[4] * m[10] - m[6] * m[8]) +
+                           m[2] * (m[4] * m[9] - m[5] * m[8]) < 0;
         if (best->kind != GN_REF_ANSWER_NONE)
             ray.tmax = best->t;
         struct gn_ref_answer hit = {
@@ -198,7 +207,8 @@ void honest_tracer(struct gn_case_run *run, const struct gn_sweep_scene *sweep, 
     const struct gn_cts_scene *scene = &sweep->scene;
     struct gn_arena arena = {0};
     struct gn_cts_answers answers = {0};
-    (void)user;
+    static const struct honest_faults none;
+    const struct honest_faults *faults = user ? user : &none;
     answers.committed = GN_NEW(&arena, struct gn_ref_answer, sweep->ray_count);
     if (sweep->program == GN_CTS_CANDIDATES)
         answers.candidates = GN_NEW(&arena, struct gn_cts_candidates, sweep->ray_count);
@@ -218,7 +228,7 @@ void honest_tracer(struct gn_case_run *run, const struct gn_sweep_scene *sweep, 
         answers.positions = gn_arena_alloc(&arena, sweep->ray_count, sizeof *answers.positions);
     for (uint32_t r = 0; r < sweep->ray_count; r++) {
         const struct gn_ref_answer *answer = &answers.committed[r];
-        answer_ray(sweep, (const float(*)[9])inverses, vertices, r, &answers);
+        answer_ray(sweep, (const float(*)[9])inverses, vertices, faults, r, &answers);
         if (answers.details)
             detail(sweep, (const float(*)[9])inverses, r, answer, &answers.details[r]);
         if (answers.positions && answer->kind == GN_REF_ANSWER_TRIANGLE) {

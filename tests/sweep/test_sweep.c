@@ -105,6 +105,49 @@ static void test_honest(void **state)
     assert_int_equal(failed, 0);
 }
 
+static const struct gn_case *case_named(const char *name)
+{
+    for (size_t i = 0; i < gn_family_stability.case_count; i++)
+        if (strcmp(gn_family_stability.cases[i].name, name) == 0)
+            return &gn_family_stability.cases[i];
+    fail_msg("no case %s", name);
+    return NULL;
+}
+
+/* Each of these faults has to be met by the sweep that is about it, in its judged range. */
+static void test_faults(void **state)
+{
+    static const struct {
+        const char *name;
+        struct honest_faults faults;
+        const char *why;
+    } rows[] = {
+        {"stability.scale.small", {.det_epsilon = 1e-8f}, "small triangles have small determinants"},
+        {"stability.scale.mixed", {.det_epsilon = 1e-8f}, "so have the small ones among large ones"},
+        {"stability.sliver.level", {.det_epsilon = 1e-8f}, "and thin ones"},
+        {"stability.needle.level", {.det_epsilon = 1e-8f}, "and needles"},
+        {"stability.grazing.level", {.det_epsilon = 1e-8f}, "and those that are grazed"},
+        {"stability.direction.long", {.t_epsilon = 1e-4f}, "a long direction makes every t small"},
+        {"stability.direction.huge_component", {.t_epsilon = 1e-4f}, "also where one component is long"},
+        {"stability.range.near", {.t_epsilon = 1e-4f}, "a hit behind tmin by more than rounding is one"},
+        {"stability.instance.mirrored", {.world_facing = true}, "facing is that of object space"},
+        {"stability.box.face", {.no_zeros = true}, "1 / -0 is the other infinity"},
+        {"stability.count.instances", {.most_instances = 128}, "there are more"},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        const struct gn_case *self = case_named(rows[i].name);
+        struct gn_case_run run;
+        struct honest_faults faults = rows[i].faults;
+        gn_case_run_begin(self, NULL, 1, 0.2, &run);
+        gn_sweep_trace(&run, self->params, honest_tracer, &faults);
+        gn_case_run_end(&run);
+        if (run.result.status != GN_CASE_FAIL)
+            fail_msg("%s passes an implementation that is wrong: %s", self->name, rows[i].why);
+        gn_case_run_finish(&run);
+    }
+}
+
 /* Answers rightly but for the values from `at` on, where every hit is lost. */
 static void tracer_losing(struct gn_case_run *run, const struct gn_sweep_scene *scene, void *user)
 {
@@ -117,15 +160,6 @@ static void tracer_losing(struct gn_case_run *run, const struct gn_sweep_scene *
     struct gn_cts_answers answers = {.committed = GN_NEW(&arena, struct gn_ref_answer, scene->ray_count)};
     gn_case_judge(run, &changed.scene, changed.program, changed.rays, changed.ray_count, 0, &answers);
     gn_arena_finish(&arena);
-}
-
-static const struct gn_case *case_named(const char *name)
-{
-    for (size_t i = 0; i < gn_family_stability.case_count; i++)
-        if (strcmp(gn_family_stability.cases[i].name, name) == 0)
-            return &gn_family_stability.cases[i];
-    fail_msg("no case %s", name);
-    return NULL;
 }
 
 static void run_losing(const struct gn_case *self, double at, struct gn_case_run *run)
@@ -257,6 +291,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_values), cmocka_unit_test(test_rays),
                                        cmocka_unit_test(test_status), cmocka_unit_test(test_json),
-                                       cmocka_unit_test(test_html),   cmocka_unit_test(test_honest)};
+                                       cmocka_unit_test(test_html),   cmocka_unit_test(test_honest),
+                                       cmocka_unit_test(test_faults)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
