@@ -261,10 +261,8 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
 static bool certified_create(struct gn_ref_tracer *tracer)
 {
     const struct gn_ref_scene *scene = tracer->scene;
-    void *const parts[] = {scene->instance_data,     scene->primitives,     scene->bvh.nodes,    scene->bvh.blocks_f32,
-                           scene->bvh.blocks_f64, scene->box_bvh.nodes, scene->box_bvh.boxes};
-    for (size_t i = 0; i < sizeof parts / sizeof parts[0]; i++)
-        tracer->cost.bytes += malloc_usable_size(parts[i]);
+    tracer->cost.bytes = malloc_usable_size(scene->instance_data) + malloc_usable_size(scene->primitives) +
+                         gn_ref_bvh_bytes(&scene->bvh) + gn_ref_bvh_bytes(&scene->box_bvh);
     tracer->cost.seconds = scene->commit_seconds;
     return true;
 }
@@ -325,10 +323,68 @@ static int64_t certified_all(const struct gn_ref_tracer *tracer, const struct gn
     return count < 0 ? GN_REF_FAILED : count;
 }
 
+/* How many rays are handed on at once: many to those in flight, and little memory on the stack. */
+enum { PART = 256 };
+
+/* The batch's answers, part by part; false where boxes may count, which trace.c has no batch for. */
+static bool certified_part(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,
+                           struct gn_ref_hit hits[PART], enum gn_ref_outcome outcomes[PART])
+{
+    int8_t found[PART];
+    for (size_t i = 0; scene->triangle_count != scene->primitive_count && i < count; i++)
+        if (!(rays[i].flags & GN_REF_RAY_SKIP_AABBS))
+            return false;
+    gn_ref_trace_closest_triangles_exact(scene, rays, count, hits, found);
+    for (size_t i = 0; i < count; i++) {
+        outcomes[i] = found[i] > 0 ? GN_REF_HIT : GN_REF_MISS;
+        if (found[i] < 0)
+            outcomes[i] = gn_ref_tracer_ray_valid(&rays[i]) ? GN_REF_FAILED : GN_REF_INVALID_RAY;
+    }
+    return true;
+}
+
+static void certified_closest_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays, size_t ray_count,
+                                    struct gn_ref_record *out_records)
+{
+    struct gn_ref_hit hits[PART];
+    enum gn_ref_outcome outcomes[PART];
+    for (size_t first = 0; first < ray_count; first += PART) {
+        size_t count = ray_count - first < PART ? ray_count - first : PART;
+        bool done = certified_part(tracer->scene, rays + first, count, hits, outcomes);
+        for (size_t i = 0; i < count; i++) {
+            struct gn_ref_record *record = &out_records[first + i];
+            if (!done) {
+                gn_ref_tracer_closest(tracer, &rays[first + i], record);
+                continue;
+            }
+            *record = (struct gn_ref_record){.outcome = outcomes[i]};
+            if (outcomes[i] == GN_REF_HIT) {
+                record->hit = hits[i];
+                certified_finish(tracer->scene, record);
+            }
+        }
+    }
+}
+
+static void certified_occluded_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays,
+                                     size_t ray_count, enum gn_ref_outcome *out_outcomes)
+{
+    struct gn_ref_hit hits[PART];
+    enum gn_ref_outcome outcomes[PART];
+    for (size_t first = 0; first < ray_count; first += PART) {
+        size_t count = ray_count - first < PART ? ray_count - first : PART;
+        bool done = certified_part(tracer->scene, rays + first, count, hits, outcomes);
+        for (size_t i = 0; i < count; i++)
+            out_outcomes[first + i] = done ? outcomes[i] : gn_ref_tracer_occluded(tracer, &rays[first + i]);
+    }
+}
+
 const struct gn_ref_tier_functions gn_ref_tier_certified = {
     .name = "certified",
     .create = certified_create,
     .closest = certified_closest,
     .occluded = certified_occluded,
     .all = certified_all,
+    .closest_batch = certified_closest_batch,
+    .occluded_batch = certified_occluded_batch,
 };
