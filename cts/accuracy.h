@@ -58,7 +58,8 @@ struct gn_accuracy_row {
     double mrays_per_s; /* the median run */
     double ratio_to_robust; /* the median over the runs of speed / robust's speed in the same run */
     uint64_t rays; /* judged; fewer for the exact tier */
-    uint64_t lost, invented, other; /* wrong: a hit missed, a hit where there is none, another primitive */
+    uint64_t lost, invented; /* wrong: a hit missed, a hit where there is none */
+    uint64_t neighbour, other; /* wrong: another triangle, which shares a vertex with a nearest one, or does not */
     uint64_t hits; /* right hits, which the errors of t are over */
     double t_error_median, t_error_max; /* in ulp of f32; NaN without a right hit */
     double build_seconds;
@@ -66,6 +67,12 @@ struct gn_accuracy_row {
 };
 
 static inline uint64_t gn_accuracy_row_wrong(const struct gn_accuracy_row *row)
+{
+    return row->lost + row->invented + row->neighbour + row->other;
+}
+
+/* Wrong ones that do not even name a neighbour of the right triangle: what shows in a picture. */
+static inline uint64_t gn_accuracy_row_gross(const struct gn_accuracy_row *row)
 {
     return row->lost + row->invented + row->other;
 }
@@ -110,7 +117,7 @@ struct gn_accuracy_point {
     enum gn_ref_tier tier;
     double time; /* relative to robust: the geometric mean over the kinds (and scenes) */
     double mrays_per_s; /* likewise */
-    uint64_t rays, wrong, lost; /* lost ones are wrong, too */
+    uint64_t rays, wrong, gross; /* gross ones are wrong, too */
     double wrong_per_million;
     double t_error_median; /* the median of the rows' medians; NaN when nothing was hit */
     double t_error_max;

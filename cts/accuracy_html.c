@@ -88,9 +88,9 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
     for (int t = 0; t < GN_REF_TIER_EXACT; t++) {
         char label[96], part[32];
         uint64_t wrong = points[0][t].wrong + points[1][t].wrong, rays = points[0][t].rays + points[1][t].rays;
-        uint64_t lost = points[0][t].lost + points[1][t].lost;
-        snprintf(label, sizeof label, "wrong per million: %s (hits lost: %s)", gn_ref_tier_name((enum gn_ref_tier)t),
-                 gn_accuracy_number(rays ? 1e6 * (double)lost / (double)rays : 0, part));
+        uint64_t gross = points[0][t].gross + points[1][t].gross;
+        snprintf(label, sizeof label, "wrong per million: %s (gross: %s)", gn_ref_tier_name((enum gn_ref_tier)t),
+                 gn_accuracy_number(rays ? 1e6 * (double)gross / (double)rays : 0, part));
         put_tile(file, wrong ? "no" : "", gn_accuracy_number(rays ? 1e6 * (double)wrong / (double)rays : 0, number), label);
     }
     fputs("</div>\n", file);
@@ -109,8 +109,10 @@ static void put_explanation(FILE *file, const struct gn_accuracy *accuracy)
     fprintf(file,
             "</tbody></table>\n<p>A decision is <b>wrong</b> when a hit is missed, when there is a hit where exactly there is "
             "none, or when another triangle is named than one of the nearest; of triangles that are hit at exactly the same "
-            "distance any is right. It is judged against exact arithmetic. A neighbour beyond a shared edge named instead is the "
-            "mildest of these and the most common; a hit <b>lost</b> there is a hole in the surface. The <b>error of t</b> is how far the distance of a "
+            "distance any is right. It is judged against exact arithmetic. Most often a neighbour is "
+            "named where the ray passes close to a shared edge, which no picture shows. All else is <b>gross</b>: the hit is lost, "
+            "invented, or on a triangle that does not touch the right one: the ray slipped through the surface, or past a silhouette that it should "
+            "have met. The <b>error of t</b> is how far the distance of a "
             "right hit is off, in units of the last place of a 32-bit float: rounding alone makes up to 0.5. What is below "
             "10<sup>-4</sup> is drawn as nothing: the judge itself is known to that.</p>\n<p>Rays are aimed at the "
             "<b>interior</b> of triangles, at <b>edges</b> and <b>vertices</b>, where triangles meet and rays like to be lost, "
@@ -147,9 +149,11 @@ static void put_wrong(FILE *file, const struct gn_accuracy_row *row)
 {
     char number[4][32];
     uint64_t wrong = gn_accuracy_row_wrong(row);
-    fprintf(file, "<td class=\"n %s\" title=\"%s of %s rays: %llu lost, %llu invented, %llu another triangle\">%s",
+    fprintf(file, "<td class=\"n %s\" title=\"%s of %s rays: %llu lost, %llu invented, %llu a neighbour, %llu another "
+                  "triangle\">%s",
             wrong ? "bad" : "zero", gn_format_grouped(wrong, number[0]), gn_format_grouped(row->rays, number[1]),
-            (unsigned long long)row->lost, (unsigned long long)row->invented, (unsigned long long)row->other,
+            (unsigned long long)row->lost, (unsigned long long)row->invented, (unsigned long long)row->neighbour,
+            (unsigned long long)row->other,
             gn_accuracy_number(row->rays ? 1e6 * (double)wrong / (double)row->rays : 0, number[2]));
 }
 
@@ -175,7 +179,7 @@ static void put_scene(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
     gn_accuracy_plot(file, accuracy, scene, false);
     fputs("</div>\n<div class=wide><table><thead><tr><th>Rays<th>Tier<th class=n>Single<br>Mray/s<th class=n>&times; robust"
           "<th class=n>Batch<br>Mray/s<th class=n>&times; robust<th class=n>Wrong per million<br>single<th class=n><br>batch"
-          "<th class=n>Of it lost<br>batch<th class=n>t error, ulp<br>median<th class=n><br>largest</tr></thead><tbody>\n",
+          "<th class=n>Of it gross<br>batch<th class=n>t error, ulp<br>median<th class=n><br>largest</tr></thead><tbody>\n",
           file);
     for (int aim = 0; aim < GN_AIM_COUNT; aim++) {
         for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
@@ -190,7 +194,7 @@ static void put_scene(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
             put_wrong(file, single);
             put_wrong(file, batch);
             fprintf(file, "<td class=n>%s",
-                    gn_accuracy_number(batch->rays ? 1e6 * (double)batch->lost / (double)batch->rays : 0, number[2]));
+                    gn_accuracy_number(batch->rays ? 1e6 * (double)gn_accuracy_row_gross(batch) / (double)batch->rays : 0, number[2]));
             fprintf(file, "<td class=n>%s<td class=n>%s</tr>\n", gn_accuracy_number(batch->t_error_median, number[2]),
                     gn_accuracy_number(fmax(single->t_error_max, batch->t_error_max), number[3]));
         }

@@ -142,7 +142,7 @@ static bool same(const struct answer *a, const struct answer *b)
                                                                      a->primitive == b->primitive));
 }
 
-enum decision { DECISION_RIGHT, DECISION_LOST, DECISION_INVENTED, DECISION_OTHER };
+enum decision { DECISION_RIGHT, DECISION_LOST, DECISION_INVENTED, DECISION_NEIGHBOUR, DECISION_OTHER, DECISION_COUNT };
 
 /* The part of the judgement that one thread does. */
 struct judge {
@@ -150,7 +150,7 @@ struct judge {
     uint32_t from, to;
     uint32_t exact_budget; /* of rays for which the exact tier may be asked */
     uint64_t exact_asked;
-    uint64_t counts[GN_REF_TIER_COUNT][GN_ACCURACY_MODE_COUNT][DECISION_OTHER + 1];
+    uint64_t counts[GN_REF_TIER_COUNT][GN_ACCURACY_MODE_COUNT][DECISION_COUNT];
     float *errors[GN_REF_TIER_COUNT][GN_ACCURACY_MODE_COUNT]; /* those of the right hits */
     uint64_t error_counts[GN_REF_TIER_COUNT][GN_ACCURACY_MODE_COUNT];
     struct gn_ref_record *list;
@@ -183,6 +183,20 @@ static bool is_tied(struct judge *judge, const struct gn_ref_ray *ray, const str
         if (hit->instance == given->instance && hit->geometry == given->geometry && hit->primitive == given->primitive)
             return gn_ref_compare_t_exact(judge->m->scene->reference, ray, &first, hit) == 0;
     }
+    return false;
+}
+
+/* Whether the two triangles share a vertex: positions that are bit for bit the same. */
+static bool are_neighbours(const struct gn_model *model, const struct answer *a, const struct answer *b)
+{
+    if (a->instance != b->instance)
+        return false;
+    const struct gn_mesh *mesh = &model->meshes[model->instances[a->instance].mesh];
+    for (int i = 0; i < 3; i++)
+        for (int k = 0; k < 3; k++)
+            if (memcmp(mesh->positions[mesh->triangles[a->primitive][i]], mesh->positions[mesh->triangles[b->primitive][k]],
+                       sizeof *mesh->positions) == 0)
+                return true;
     return false;
 }
 
@@ -233,8 +247,10 @@ static void judge_ray(struct judge *judge, uint32_t i)
                 decision = DECISION_LOST;
             else if (right.outcome != GN_REF_HIT)
                 decision = DECISION_INVENTED;
+            else if (is_tied(judge, &m->rays[i], oracle, &right, given))
+                decision = DECISION_RIGHT;
             else
-                decision = is_tied(judge, &m->rays[i], oracle, &right, given) ? DECISION_RIGHT : DECISION_OTHER;
+                decision = are_neighbours(&m->scene->model, &right, given) ? DECISION_NEIGHBOUR : DECISION_OTHER;
             judge->counts[t][mode][decision]++;
             if (decision == DECISION_RIGHT && right.outcome == GN_REF_HIT)
                 judge->errors[t][mode][judge->error_counts[t][mode]++] = error_in_ulp(given->t, right.t);
@@ -293,9 +309,11 @@ static void put_row(struct measurement *m, struct gn_accuracy_row *row, struct j
     row->ratio_to_robust = median(ratios, runs);
     for (uint32_t j = 0; j < judge_count; j++) {
         const uint64_t *counts = judges[j].counts[row->tier][row->mode];
-        row->rays += counts[DECISION_RIGHT] + counts[DECISION_LOST] + counts[DECISION_INVENTED] + counts[DECISION_OTHER];
+        for (int d = 0; d < DECISION_COUNT; d++)
+            row->rays += counts[d];
         row->lost += counts[DECISION_LOST];
         row->invented += counts[DECISION_INVENTED];
+        row->neighbour += counts[DECISION_NEIGHBOUR];
         row->other += counts[DECISION_OTHER];
     }
     row->hits = gather_errors(judges, judge_count, (int)row->tier, (int)row->mode);

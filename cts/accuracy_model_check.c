@@ -225,6 +225,21 @@ static bool check_glb(struct text text, const char *data, size_t length)
     return check_json(text, data + 20, word_at(data + 12), 20);
 }
 
+/* Text begins with "solid"; binary files may, too, but then their size is right. */
+static bool check_stl(struct text text, const char *data, size_t length)
+{
+    if (length >= 84 && length == 84 + 50 * (uint64_t)word_at(data + 80))
+        return true;
+    if (length >= 5 && strncasecmp(data, "solid", 5) == 0)
+        return true;
+    if (length < 84)
+        snprintf(text.out_error, text.error_size, "byte 0: expected 'solid' or a header of 84 bytes, found %zu bytes", length);
+    else
+        snprintf(text.out_error, text.error_size, "byte 80: %lu triangles of 50 bytes, but %zu bytes follow",
+                 (unsigned long)word_at(data + 80), length - 84);
+    return false;
+}
+
 bool gn_model_check(const char *path, const char *data, size_t length, char *out_error, size_t error_size)
 {
     struct text text = {data, data + length, 0, out_error, error_size};
@@ -239,5 +254,7 @@ bool gn_model_check(const char *path, const char *data, size_t length, char *out
         return check_json(text, data, length, 0);
     if (strcasecmp(ending, ".glb") == 0)
         return check_glb(text, data, length);
+    if (strcasecmp(ending, ".stl") == 0)
+        return check_stl(text, data, length);
     return true;
 }

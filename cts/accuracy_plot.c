@@ -154,7 +154,7 @@ static void scale(struct panel *panel)
     panel->time_low = log10(time[0]) - 0.05;
     panel->time_high = log10(time[1]) + 0.05;
     panel->value_low = floor(isfinite(value[0]) ? log10(value[0]) - 0.1 : 0);
-    panel->value_high = ceil(value[1] > 0 ? log10(value[1]) + 0.1 : 3);
+    panel->value_high = ceil(value[1] > 0 ? log10(value[1]) + 0.25 : 3);
     if (panel->value_high - panel->value_low < 2)
         panel->value_high = panel->value_low + 2;
 }
@@ -186,7 +186,7 @@ static void put_axes(FILE *file, const struct panel *panel)
                       "<line class=\"budget\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\"/>"
                       "<text class=\"soft\" font-size=\"10.5\" x=\"%.1f\" y=\"%.1f\">budget %g&#215;</text>\n",
                 panel->left, panel->top, budget - panel->left, bottom - panel->top, budget, budget, panel->top, bottom,
-                budget + 4, panel->top + 12, panel->accuracy->options.budget);
+                budget + 4, panel->bottom - 5, panel->accuracy->options.budget);
     }
     double step = panel->value_high - panel->value_low > 7 ? 2 : 1;
     for (double e = panel->value_low; e <= panel->value_high + 1e-9; e += step) {
@@ -267,8 +267,8 @@ static void put_tip(FILE *file, const struct panel *panel, const struct mark *ma
     fprintf(file, ": %s times robust's time, %s%s", gn_accuracy_number(mark->time, number[0]),
             gn_accuracy_number(mark->value, number[1]), panel->t_error ? " ulp" : " wrong per million");
     if (mark->row && !panel->t_error && mark->value > 0)
-        fprintf(file, ", %s of them lost",
-                gn_accuracy_number(1e6 * (double)mark->row->lost / (double)mark->row->rays, number[2]));
+        fprintf(file, ", %s of them gross",
+                gn_accuracy_number(1e6 * (double)gn_accuracy_row_gross(mark->row) / (double)mark->row->rays, number[2]));
     fputs("</title>", file);
 }
 

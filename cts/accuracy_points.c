@@ -33,7 +33,7 @@ void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum
             log_speed += log(row->mrays_per_s);
             point->rays += row->rays;
             point->wrong += gn_accuracy_row_wrong(row);
-            point->lost += row->lost;
+            point->gross += gn_accuracy_row_gross(row);
             if (row->hits) {
                 point->t_error_max = fmax(point->t_error_max, row->t_error_max);
                 if (medians)

@@ -32,14 +32,14 @@ static const char *short_number(double value, char out[32])
 }
 
 /* Of one tier, both modes, and one kind or (GN_AIM_COUNT) all. */
-static double per_million(const struct gn_accuracy *accuracy, uint32_t scene, int tier, int aim, bool lost)
+static double per_million(const struct gn_accuracy *accuracy, uint32_t scene, int tier, int aim, bool gross)
 {
     uint64_t rays = 0, wrong = 0;
     for (size_t i = 0; i < accuracy->row_count; i++) {
         const struct gn_accuracy_row *row = &accuracy->rows[i];
         if (row->scene == scene && (int)row->tier == tier && ((int)row->aim == aim || aim == GN_AIM_COUNT)) {
             rays += row->rays;
-            wrong += lost ? row->lost : gn_accuracy_row_wrong(row);
+            wrong += gross ? gn_accuracy_row_gross(row) : gn_accuracy_row_wrong(row);
         }
     }
     return rays ? 1e6 * (double)wrong / (double)rays : 0;
@@ -56,7 +56,7 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
     fprintf(file, "%-9s %13s %13s   %-34s  %6s  %7s %6s\n", "", "single rays", "batches",
             "wrong per million, aimed at", "t max", "build", "bytes/");
     fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s %6s  %6s  %7s %6s\n", "tier", "Mray/s", "x rob.", "Mray/s",
-            "x rob.", "inside", "edge", "vertex", "random", "lost", "ulp", "seconds", "tri.");
+            "x rob.", "inside", "edge", "vertex", "random", "gross", "ulp", "seconds", "tri.");
     for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
         const struct gn_accuracy_row *row = NULL;
         for (size_t i = 0; i < accuracy->row_count && !row; i++)
@@ -80,6 +80,7 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
 void gn_accuracy_print_choice(FILE *file, const struct gn_accuracy *accuracy)
 {
     char text[256];
+    fprintf(file, "\nA wrong decision is gross unless it names a triangle that touches the right one.\n");
     fprintf(file, "\nThe most accurate tier within %g times the time of robust:\n", accuracy->options.budget);
     for (uint32_t i = 0; i <= accuracy->scene_count; i++) {
         bool all = i == accuracy->scene_count;

@@ -63,17 +63,37 @@ static size_t make_gltf(char *out, size_t size, const char *second_scale, const 
         second_scale, indices_count, base64);
 }
 
+static size_t make_binary_ply(char out[1024])
+{
+    static const float positions[12] = {0, 0, 0, 1, 0, 0, 1, 1, 0.1f, 0, 1, 0};
+    static const uint32_t indices[6] = {0, 1, 2, 0, 2, 3};
+    size_t length = (size_t)snprintf(out, 1024,
+                                     "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+                                     "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n");
+    memcpy(out + length, positions, sizeof positions);
+    length += sizeof positions;
+    for (int i = 0; i < 2; i++) {
+        out[length] = 3;
+        memcpy(out + length + 1, indices + 3 * i, 12);
+        length += 13;
+    }
+    return length;
+}
+
 static void valid_files_are_read_as_they_are(void **state)
 {
     (void)state;
     char gltf[4096], error[1024];
-    size_t gltf_length = make_gltf(gltf, sizeof gltf, "-1,1,1", "6");
+    char binary[1024];
+    size_t gltf_length = make_gltf(gltf, sizeof gltf, "-1,1,1", "6"), binary_length = make_binary_ply(binary);
     const struct {
         const char *name, *data;
         size_t length;
         uint32_t instances;
-    } rows[] = {
-        {"square.obj", obj, sizeof obj - 1, 1}, {"SQUARE.PLY", ply, sizeof ply - 1, 1}, {"square.gltf", gltf, gltf_length, 2}};
+    } rows[] = {{"square.obj", obj, sizeof obj - 1, 1},
+                {"SQUARE.PLY", ply, sizeof ply - 1, 1},
+                {"binary.ply", binary, binary_length, 1},
+                {"square.gltf", gltf, gltf_length, 2}};
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         struct gn_arena arena = {0};
         struct gn_model model;
@@ -149,6 +169,10 @@ static void malformed_files_are_told_with_their_place(void **state)
         {"more indices than the buffer has", "a.gltf", beyond, ""},
         {"no binary glTF", "a.glb", "glTF", "byte 0: expected the header"},
         {"no STL", "a.stl", "solid\nfacet normal 0 0", ""},
+        {"a torn header", "a.stl", "STL", "byte 0: expected 'solid' or a header"},
+        {"a torn STL", "a.stl",
+         "01234567890123456789012345678901234567890123456789012345678901234567890123456789aaaabbbb",
+         "byte 80: 1633771873 triangles of 50 bytes, but 4 bytes follow"},
     };
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         struct gn_arena arena = {0};
@@ -185,6 +209,9 @@ static void what_is_no_model_file_is_refused(void **state)
     assert_non_null(strstr(error, "empty"));
     assert_false(gn_model_read(write_file("model.txt", obj, sizeof obj - 1), 0, &arena, &model, error, sizeof error));
     assert_non_null(strstr(error, ".gltf"));
+    /* One that takes too long, for which a microsecond is enough. */
+    assert_false(gn_model_read(write_file("slow.obj", obj, sizeof obj - 1), 1e-6, &arena, &model, error, sizeof error));
+    assert_non_null(strstr(error, "slow.obj: not read within 1e-06 seconds"));
     gn_arena_finish(&arena);
 }
 
@@ -205,26 +232,41 @@ static void read_any(const char *name, const char *data, size_t length, unsigned
     if (gn_clock() - start > 15)
         fail_msg("%s: took %g seconds", name, gn_clock() - start);
     *inout_read += ok;
+    if (getenv("GNOMON_TEST_VERBOSE") && !ok)
+        print_message("%s\n", error);
     gn_arena_finish(&arena);
 }
 
-/* Every prefix of a few, and a hundred mutations of each: bytes changed, runs dropped, doubled, numbers made huge. */
+/* Some prefixes of each, and a hundred mutations: bytes changed, runs dropped, doubled, numbers made huge. */
 static void mutated_files_never_crash(void **state)
 {
     (void)state;
     static const char *const huge[] = {"4294967295", "-1", "99999999999", "1e999", "nan", "2147483648", "", "0"};
-    char gltf[4096];
-    size_t gltf_length = make_gltf(gltf, sizeof gltf, "-1,1,1", "6");
+    char gltf[4096], binary[1024], stl[184] = "binary";
+    size_t gltf_length = make_gltf(gltf, sizeof gltf, "-1,1,1", "6"), binary_length = make_binary_ply(binary);
+    /* Two triangles of 50 bytes behind a header of 80 and their number. */
+    memcpy(stl + 80, &(uint32_t){2}, 4);
+    memcpy(stl + 84 + 12, (const float[9]){0, 0, 0, 1, 0, 0, 1, 1, 0.1f}, 36);
+    memcpy(stl + 134 + 12, (const float[9]){0, 0, 0, 1, 1, 0.1f, 0, 1, 0}, 36);
     const struct {
         const char *name, *data;
         size_t length;
-    } seeds[] = {{"m.obj", obj, sizeof obj - 1}, {"m.ply", ply, sizeof ply - 1}, {"m.gltf", gltf, gltf_length}};
+    } seeds[] = {{"m.obj", obj, sizeof obj - 1},
+                 {"m.ply", ply, sizeof ply - 1},
+                 {"m.gltf", gltf, gltf_length},
+                 {"b.ply", binary, binary_length},
+                 {"m.stl", stl, sizeof stl}};
     struct gn_random random = {7};
-    unsigned read = 0, tried = 0;
+    unsigned read = 0, all_read = 0, tried = 0;
     for (size_t s = 0; s < sizeof seeds / sizeof seeds[0]; s++) {
+        read_any(seeds[s].name, seeds[s].data, seeds[s].length, &read);
+        if (read != 1)
+            fail_msg("%s: expected to be read unmutated", seeds[s].name);
+        read = 0;
         for (size_t length = 1; length < seeds[s].length; length += 1 + seeds[s].length / 12, tried++)
             read_any(seeds[s].name, seeds[s].data, length, &read);
-        for (int i = 0; i < 100; i++, tried++) {
+        const char *more = getenv("GNOMON_TEST_MUTATIONS");
+        for (int i = 0, count = more ? atoi(more) : 100; i < count; i++, tried++) {
             char data[8192];
             size_t length = seeds[s].length;
             memcpy(data, seeds[s].data, length);
@@ -258,10 +300,12 @@ static void mutated_files_never_crash(void **state)
             }
             read_any(seeds[s].name, data, length, &read);
         }
+        all_read += read;
+        read = 0;
     }
-    print_message("%u mutated files, of which %u still were models\n", tried, read);
+    print_message("%u mutated files, of which %u still were models\n", tried, all_read);
     /* All refused or none would mean that the mutations test nothing. */
-    assert_true(read > tried / 50 && read < tried - tried / 10);
+    assert_true(all_read > tried / 50 && all_read < tried - tried / 10);
 }
 
 static int setup(void **state)

@@ -105,7 +105,8 @@ static struct gn_accuracy made_up(struct gn_accuracy_row rows[10], struct gn_acc
     rows[7].ratio_to_robust = 2;
     rows[0].lost = 3;
     rows[0].invented = 2;
-    rows[5].other = 5;
+    rows[5].other = 2;
+    rows[5].neighbour = 3;
     rows[9].hits = 0;
     rows[9].t_error_median = rows[9].t_error_max = (double)NAN;
     struct gn_accuracy accuracy = {.scenes = scenes, .scene_count = 2, .rows = rows, .row_count = 10};
@@ -124,7 +125,7 @@ static void points_sum_up_rows(void **state)
     gn_accuracy_points(&accuracy, GN_ACCURACY_ALL_SCENES, GN_ACCURACY_BATCH, points);
     assert_int_equal(points[0].rays, 2000);
     assert_int_equal(points[0].wrong, 10);
-    assert_int_equal(points[0].lost, 3);
+    assert_int_equal(points[0].gross, 7);
     assert_double_equal(points[0].wrong_per_million, 5000, 1e-9);
     assert_double_equal(points[2].time, 1, 1e-12);
     assert_double_equal(points[0].t_error_max, 6, 0);
@@ -177,7 +178,7 @@ static void plots_are_numbers_throughout(void **state)
     struct gn_accuracy accuracy = made_up(rows, scenes);
     for (int variant = 0; variant < 3; variant++) {
         for (int i = 0; variant == 1 && i < 10; i++) {
-            rows[i].lost = rows[i].invented = rows[i].other = rows[i].hits = 0;
+            rows[i].lost = rows[i].invented = rows[i].neighbour = rows[i].other = rows[i].hits = 0;
             rows[i].t_error_median = rows[i].t_error_max = (double)NAN;
         }
         accuracy.row_count = variant == 2 ? 0 : 10;
