@@ -161,7 +161,8 @@ static void t_junctions(const struct gn_sweep_request *request, struct gn_sweep_
         for (int k = 0; k < 3; k++)
             target[k] = mesh.positions[corner[0]][k] +
                         weight * (mesh.positions[corner[1]][k] - mesh.positions[corner[0]][k]);
-        const double direction[3] = {gn_random_range(request->random, -2, 2), gn_random_range(request->random, -2, 2), -4};
+        const double x = gn_random_range(request->random, -2, 2), y = gn_random_range(request->random, -2, 2);
+        const double direction[3] = {x, y, -4};
         for (int k = 0; k < 3; k++)
             other[k] = target[k] - direction[k];
         out->rays[i] = gn_ray_make(other, direction, 40);

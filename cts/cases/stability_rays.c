@@ -87,7 +87,7 @@ const struct gn_sweep gn_stability_component_zero = {
     "beyond, the vertices' own rounding is as large as the triangles, and nothing is left to decide", 1000, component,
     &(const enum component){ZERO}};
 
-/* One tilted triangle in front of the origin for each ray that is exact: origin = target - direction * t without rounding. */
+/* Tilted triangles for rays that are exact: origin = target - direction * t without rounding. */
 static void tilted_triangles(const struct gn_sweep_request *request, double slope, struct gn_mesh *out)
 {
     struct gn_random *random = request->random;
@@ -222,7 +222,9 @@ static void origin_on_surface(const struct gn_sweep_request *request, struct gn_
     const enum gn_aim *aim = request->params;
     struct gn_random *random = request->random;
     struct gn_mesh mesh = gn_mesh_octahedron(request->arena, 4);
-    mesh = gn_mesh_scaled(request->arena, &mesh, 1, 1, 1, request->value, -request->value, request->value / 2);
+    /* No coordinate becomes 0, whose size would be next to nothing. */
+    const double by = request->value;
+    mesh = gn_mesh_scaled(request->arena, &mesh, 1, 1, 1, 1.25 * by, -1.5 * by, 1.75 * by);
     struct gn_aim_options options = {.aim = *aim, .distance = 2, .both_sides = true};
     gn_stability_scene(request, &mesh, NULL, NULL, out);
     gn_rays_aimed_with(random, &mesh, &options, out->rays, out->ray_count);

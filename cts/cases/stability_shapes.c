@@ -81,7 +81,8 @@ static void grazing(const struct gn_sweep_request *request, struct gn_sweep_scen
 }
 const struct gn_sweep gn_stability_grazing_level = {
     "angle between ray and triangle", "degrees", ANGLES, 1e-7,
-    "the plane is z = 0, where f32 is as fine as the angle: it is only another scale", 1000, grazing, &(const bool){false}};
+    "the plane is z = 0, where f32 is as fine as the angle: it is only another scale", 1000, grazing,
+    &(const bool){false}};
 const struct gn_sweep gn_stability_grazing_tilted = {
     "angle between ray and triangle", "degrees", ANGLES, 1e-3,
     "heights over the plane are known to 24 * 2^-24 * 4, an angle of 3e-4 degrees over the width of 1", 1000, grazing,
