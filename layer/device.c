@@ -174,6 +174,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyDevice(VkDevice handle, const VkAlloc
         gn_lock(device);
         gn_command_buffers_finish(device);
         gn_staging_finish(device);
+        gn_query_pools_finish(device);
         gn_as_finish(device);
         gn_buffers_finish(device);
         gn_unlock(device);

@@ -77,6 +77,9 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateInstance(const VkInstanceCreateInf
         instance->debug_utils |= strcmp(info->ppEnabledExtensionNames[i], VK_EXT_DEBUG_UTILS_EXTENSION_NAME) == 0;
     adopt_messengers(instance, info->pNext);
     gn_settings_read(info, &instance->settings);
+    for (int kind = 0; kind < GN_COMMAND_KIND_COUNT; kind++)
+        if (gn_rules_about_command((enum gn_command_kind)kind, &instance->settings.rules, instance->settings.profile))
+            instance->judged_commands |= UINT32_C(1) << kind;
     if (instance->settings.log_file) {
         char problem[512];
         instance->log = gn_log_open(instance->settings.log_file, problem, sizeof problem);

@@ -76,6 +76,7 @@ struct gn_instance {
     struct gn_instance_next next;
     bool debug_utils; /* the application enabled VK_EXT_debug_utils */
     struct gn_settings settings;
+    uint32_t judged_commands; /* one bit per kind of command that an enabled rule is about */
     struct gn_tally tally;
     atomic_uint tracked_devices, passed_devices; /* ever created, with and without acceleration structures */
     atomic_ullong open_judgements;               /* TLAS builds submitted and neither judged nor given up */
@@ -94,10 +95,17 @@ struct gn_instance {
 /* The queue id of what the host executes. Queues of the device count from 1. */
 #define GN_QUEUE_HOST 0
 
-/* The first time a structure was built on one queue. */
+/* The first and the last time that one queue wrote a structure. */
 struct gn_built_on {
     uint32_t queue;
-    uint64_t position;
+    uint64_t position, last;
+};
+
+/* What one recorded build was told. Shared by the event and by every structure that comes from it. */
+struct gn_build_shape {
+    uint32_t references;
+    struct gn_shape shape;
+    struct gn_geometry geometries[];
 };
 
 /* What a structure was created as; of a GENERIC one, everything that it was built as, and both before that is known. */
@@ -116,7 +124,15 @@ struct gn_as {
     uint8_t levels;                    /* GN_LEVEL_*: of which levels it may be */
     uint64_t mark;                     /* the position of the command last judged that writes it beside a TLAS */
     bool shared;                       /* its memory may be written under another name: nothing is known for sure */
-    uint64_t generation;               /* how many builds, updates and copies wrote it */
+    VkDeviceSize size;                 /* as it was created */
+    /* What it holds, as of what was replayed last; with several writers in no known order, gn_as_sure is false. */
+    uint64_t generation;               /* counts builds and copies into it; updates in place belong to the same one */
+    enum gn_made made;
+    bool compacted;
+    struct gn_build_shape *shape;      /* of the build that the contents come from; NULL: not known */
+    uint64_t compacted_size;           /* the last that the application has read; 0: none */
+    uint64_t compacted_size_of;        /* the generation that it belongs to */
+    uint64_t size_asked_of;            /* the generation whose compacted size was last asked */
     struct gn_built_on *built;
     uint32_t built_count;
     uint32_t references;
@@ -156,7 +172,8 @@ enum gn_event_kind {
     GN_EVENT_COMPACT,
     GN_EVENT_DESERIALIZE,
     GN_EVENT_SERIALIZE,
-    GN_EVENT_QUERY,
+    GN_EVENT_QUERY_COMPACTED, /* a question for the compacted size */
+    GN_EVENT_QUERY,           /* for another property */
     GN_EVENT_EXECUTE
 };
 
@@ -169,7 +186,25 @@ struct gn_event {
     bool is_tlas;                 /* a build or update of a TLAS */
     struct gn_capture *capture;   /* of a TLAS build that is judged; NULL when it reads no instances */
     enum gn_unjudged unjudged;    /* of a TLAS build that is not judged: why; else GN_UNJUDGED_COUNT */
+    bool is_update;               /* of an indirect build, whose kind does not say */
+    struct gn_build_shape *shape; /* of a build or update; NULL: not known */
+    struct gn_query_pool *pool;   /* of a question for the compacted size; NULL: not known */
+    uint32_t query;
     struct gn_recording *secondary;
+};
+
+/* A slot of a pool for compacted sizes: of what the size was last asked. */
+struct gn_query_slot {
+    struct gn_as *as;
+    uint64_t generation;
+    bool ambiguous; /* asked again before the last answer was read: an answer may be the old one */
+};
+
+struct gn_query_pool {
+    VkQueryPool handle;
+    uint32_t references;
+    uint32_t count;
+    struct gn_query_slot slots[];
 };
 
 /* What one recording of a command buffer holds. Shared by the command buffer, by primaries that execute it, and by
@@ -210,6 +245,16 @@ struct gn_judgement {
     struct gn_judgement *next;
 };
 
+/* A finding about a command, made when its submission was replayed. It is reported once the submission has completed, if nothing
+ * was learned by then that may have put the structures into another state. */
+struct gn_suspicion {
+    struct gn_pending_finding *finding;
+    struct gn_as *structures[2]; /* NULL if not concerned */
+    uint32_t queue;
+    uint64_t position;
+    struct gn_suspicion *next;
+};
+
 struct gn_submission {
     uint64_t number;
     uint64_t first_position;
@@ -218,6 +263,7 @@ struct gn_submission {
     bool accepted; /* the next layer has returned success: the fence may be asked */
     bool done;
     struct gn_judgement *judgements, **last;
+    struct gn_suspicion *suspicions, **last_suspicion;
     struct gn_submission *next;
 };
 
@@ -247,7 +293,7 @@ struct gn_device {
     pthread_mutex_t lock;    /* of everything below */
     uint64_t position;
     uint64_t submission_count;
-    struct gn_map buffers, structures, addresses, pools, command_buffers, queues;
+    struct gn_map buffers, structures, addresses, pools, command_buffers, queues, query_pools;
     struct gn_ranges inputs;
     struct gn_queue *first_queue;
     uint32_t queue_count;
@@ -305,6 +351,14 @@ struct gn_as *gn_as_keep(struct gn_as *as);
 void gn_as_release(struct gn_as *as);
 /* Records that something with `queue` and `position` wrote the structure. */
 void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, uint64_t position);
+/* Says what that was. The shape is kept; NULL: not known. */
+void gn_as_holds(struct gn_as *as, enum gn_made made, bool compacted, struct gn_build_shape *shape);
+/* Whether all that is known to have written the structure is ordered against an event of `queue` at `position`. */
+bool gn_as_sure(const struct gn_as *as, uint32_t queue, uint64_t position);
+struct gn_build_shape *gn_shape_create(const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                       const VkAccelerationStructureBuildRangeInfoKHR *ranges);
+struct gn_build_shape *gn_shape_keep(struct gn_build_shape *shape);
+void gn_shape_release(struct gn_build_shape *shape);
 /* The state of the build of `as`, seen from `queue` at `position`. */
 enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position);
 /* The structure that owned `address` for an event at `position`; where several did, the one whose build speaks best. */
@@ -329,6 +383,14 @@ void gn_recording_release(struct gn_device *device, struct gn_recording *recordi
 struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_command_buffer *commands,
                                        const struct gn_event *event);
 void gn_command_buffers_finish(struct gn_device *device);
+
+/* query.c: pools for compacted sizes; with the device locked. */
+struct gn_query_pool *gn_query_pool_get(struct gn_device *device, VkQueryPool handle);
+struct gn_query_pool *gn_query_pool_keep(struct gn_query_pool *pool);
+void gn_query_pool_release(struct gn_query_pool *pool);
+/* The compacted size of what `as` holds is asked, and will be found in `slot`. */
+void gn_query_asked(struct gn_query_pool *pool, uint32_t slot, struct gn_as *as);
+void gn_query_pools_finish(struct gn_device *device);
 
 /* staging.c: host-visible memory of the layer; with the device locked. */
 bool gn_staging_take(struct gn_device *device, VkDeviceSize size, struct gn_capture *out);
@@ -356,6 +418,12 @@ struct gn_pending_finding;
 struct gn_findings {
     struct gn_pending_finding *first, **last;
 };
+/* Runs the rules about a command. What they find is not counted yet: gn_report_confirm does that, and moves what is new to `out`. The
+ * place of the command is asked only if there is something to find. */
+void gn_report_suspect(struct gn_instance *instance, struct gn_command *command,
+                       const char *(*place)(void *context), void *context, struct gn_findings *out);
+void gn_report_confirm(struct gn_instance *instance, struct gn_pending_finding *finding, struct gn_findings *out);
+struct gn_pending_finding *gn_findings_take(struct gn_findings *findings);
 void gn_findings_init(struct gn_findings *findings);
 /* Runs the rules, collecting what is new and counting what is known. */
 void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out);

@@ -26,6 +26,8 @@ void gn_recording_release(struct gn_device *device, struct gn_recording *recordi
         struct gn_event *event = &recording->events[i];
         gn_as_release(event->target);
         gn_as_release(event->source);
+        gn_shape_release(event->shape);
+        gn_query_pool_release(event->pool);
         if (event->capture)
             gn_staging_give(device, event->capture);
         free(event->capture);
@@ -62,6 +64,8 @@ struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_comma
     *added = *event;
     gn_as_keep(added->target);
     gn_as_keep(added->source);
+    gn_shape_keep(added->shape);
+    gn_query_pool_keep(added->pool);
     gn_recording_keep(added->secondary);
     return added;
 fail:
@@ -293,9 +297,12 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdWriteAccelerationStructuresPropertiesKHR(
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
     uint32_t command = commands ? next_command(commands) : 0;
     for (uint32_t i = 0; commands && i < count; i++) {
-        struct gn_event event = {.kind = GN_EVENT_QUERY,
+        bool compacted_size = type == VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR;
+        struct gn_event event = {.kind = compacted_size ? GN_EVENT_QUERY_COMPACTED : GN_EVENT_QUERY,
                                  .command = command,
                                  .source = gn_as_get(device, structures[i]),
+                                 .pool = compacted_size ? gn_query_pool_get(device, pool) : NULL,
+                                 .query = first + i,
                                  .unjudged = GN_UNJUDGED_COUNT};
         gn_command_buffer_add(device, commands, &event);
     }
@@ -318,8 +325,11 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresIndirectKHR(
                                  .target = gn_as_get(device, infos[i].dstAccelerationStructure),
                                  .source = gn_as_get(device, infos[i].srcAccelerationStructure),
                                  .is_tlas = is_tlas,
+                                 .is_update = infos[i].mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR,
+                                 .shape = gn_shape_create(&infos[i], NULL),
                                  .unjudged = is_tlas ? GN_UNJUDGED_indirect_builds : GN_UNJUDGED_COUNT};
         gn_command_buffer_add(device, commands, &event);
+        gn_shape_release(event.shape);
     }
     gn_unlock(device);
     device->next.CmdBuildAccelerationStructuresIndirectKHR(handle, count, infos, addresses, strides, maxima);
@@ -431,6 +441,8 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
                                  .target = gn_as_get(device, info->dstAccelerationStructure),
                                  .source = update ? gn_as_get(device, info->srcAccelerationStructure) : NULL,
                                  .is_tlas = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+                                 .is_update = update,
+                                 .shape = gn_shape_create(info, ranges[i]),
                                  .unjudged = GN_UNJUDGED_COUNT};
         if (event.is_tlas)
             event.unjudged = copies ? prepare_capture(device, commands, info, i, ranges[i], &event.capture,
@@ -443,6 +455,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
             gn_staging_give(device, event.capture);
             free(event.capture);
         }
+        gn_shape_release(event.shape);
         simultaneous = commands->simultaneous;
     }
     gn_unlock(device);

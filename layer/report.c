@@ -96,6 +96,56 @@ void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *b
     pthread_mutex_unlock(&instance->lock);
 }
 
+struct gn_pending_finding *gn_findings_take(struct gn_findings *findings)
+{
+    struct gn_pending_finding *first = findings->first;
+    if (first && !(findings->first = first->next))
+        findings->last = &findings->first;
+    return first;
+}
+
+/* The first run only asks whether there is anything to find. */
+static bool suspected(void *context, const struct gn_rule *rule, uint64_t site)
+{
+    (void)rule, (void)site;
+    return *(bool *)context = true;
+}
+
+void gn_report_suspect(struct gn_instance *instance, struct gn_command *command,
+                       const char *(*place)(void *context), void *context, struct gn_findings *out)
+{
+    bool any = false;
+    struct gn_report report = {.profile = instance->settings.profile,
+                               .enabled = instance->settings.rules,
+                               .context = &any,
+                               .repeated = suspected};
+    gn_rules_judge_command(command, &report);
+    if (any) {
+        struct collector collector = {instance, out};
+        command->place = place(context);
+        report.context = &collector;
+        report.repeated = NULL;
+        report.finding = collect;
+        gn_rules_judge_command(command, &report);
+    }
+    pthread_mutex_lock(&instance->lock);
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        instance->evaluated[i] += gn_rule_set_has(&report.evaluated, i);
+    pthread_mutex_unlock(&instance->lock);
+}
+
+void gn_report_confirm(struct gn_instance *instance, struct gn_pending_finding *finding, struct gn_findings *out)
+{
+    struct collector collector = {instance, out};
+    if (repeated(&collector, finding->finding.rule, finding->site)) {
+        free(finding);
+        return;
+    }
+    finding->next = NULL;
+    *out->last = finding;
+    out->last = &finding->next;
+}
+
 static VkDebugUtilsMessageSeverityFlagBitsEXT severity_bit(enum gn_severity severity)
 {
     return severity == GN_SEVERITY_ERROR     ? VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT
@@ -266,12 +316,13 @@ static void add_summary(struct gn_instance *instance, struct gn_text *text)
         gn_text_add(text, "%s %s", comma, instance->unjudged_extensions[i]);
         comma = ",";
     }
+    size_t idle = 0;
     for (size_t i = 0; i < gn_rules_count(); i++)
-        if (!instance->evaluated[i]) {
-            gn_text_add(text, "%s rule %s (never evaluated)", comma, gn_rules_at(i)->id);
-            comma = ",";
-        }
+        idle += !instance->evaluated[i];
     gn_text_add(text, "%s.", *comma ? "" : " nothing was left out");
+    if (idle)
+        gn_text_add(text, " %zu of %zu rules had nothing to judge, or are switched off (the log names them).", idle,
+                    gn_rules_count());
 }
 
 void gn_report_close(struct gn_instance *instance, const char *ending)

@@ -21,6 +21,7 @@ void gn_as_release(struct gn_as *as)
 {
     if (!as || --as->references)
         return;
+    gn_shape_release(as->shape);
     free(as->built);
     free(as->name);
     free(as);
@@ -28,17 +29,81 @@ void gn_as_release(struct gn_as *as)
 
 void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, uint64_t position)
 {
-    as->generation++;
     for (uint32_t i = 0; i < as->built_count; i++)
-        if (as->built[i].queue == queue)
-            return; /* positions only rise */
+        if (as->built[i].queue == queue) {
+            as->built[i].last = position; /* positions only rise */
+            return;
+        }
     struct gn_built_on *grown = realloc(as->built, (as->built_count + 1) * sizeof *grown);
     if (!grown) {
         gn_tally_lost(device);
         return;
     }
     as->built = grown;
-    grown[as->built_count++] = (struct gn_built_on){queue, position};
+    grown[as->built_count++] = (struct gn_built_on){queue, position, position};
+}
+
+void gn_as_holds(struct gn_as *as, enum gn_made made, bool compacted, struct gn_build_shape *shape)
+{
+    gn_shape_keep(shape);
+    gn_shape_release(as->shape);
+    as->shape = shape;
+    as->made = made;
+    as->compacted = compacted;
+    as->generation++;
+}
+
+/* What the host wrote before the submission happened before it. */
+bool gn_as_sure(const struct gn_as *as, uint32_t queue, uint64_t position)
+{
+    bool sure = !as->shared;
+    for (uint32_t i = 0; i < as->built_count; i++)
+        sure &= as->built[i].queue == queue || (as->built[i].queue == GN_QUEUE_HOST && as->built[i].last < position);
+    return sure;
+}
+
+static struct gn_geometry geometry_of(const VkAccelerationStructureGeometryKHR *in)
+{
+    struct gn_geometry out = {.type = (uint32_t)in->geometryType, .flags = in->flags};
+    if (in->geometryType == VK_GEOMETRY_TYPE_TRIANGLES_KHR) {
+        out.vertex_format = (uint32_t)in->geometry.triangles.vertexFormat;
+        out.index_type = (uint32_t)in->geometry.triangles.indexType;
+        out.max_vertex = in->geometry.triangles.maxVertex;
+        out.has_transform = in->geometry.triangles.transformData.deviceAddress != 0;
+    }
+    return out;
+}
+
+struct gn_build_shape *gn_shape_create(const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                       const VkAccelerationStructureBuildRangeInfoKHR *ranges)
+{
+    struct gn_build_shape *shape = malloc(sizeof *shape + (size_t)info->geometryCount * sizeof shape->geometries[0]);
+    if (!shape)
+        return NULL;
+    shape->references = 1;
+    shape->shape = (struct gn_shape){.is_top = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+                                     .counts_known = ranges != NULL,
+                                     .flags = info->flags,
+                                     .geometry_count = info->geometryCount,
+                                     .geometries = shape->geometries};
+    for (uint32_t g = 0; g < info->geometryCount; g++) {
+        shape->geometries[g] = geometry_of(info->pGeometries ? &info->pGeometries[g] : info->ppGeometries[g]);
+        shape->geometries[g].primitive_count = ranges ? ranges[g].primitiveCount : 0;
+    }
+    return shape;
+}
+
+struct gn_build_shape *gn_shape_keep(struct gn_build_shape *shape)
+{
+    if (shape)
+        shape->references++;
+    return shape;
+}
+
+void gn_shape_release(struct gn_build_shape *shape)
+{
+    if (shape && --shape->references == 0)
+        free(shape);
 }
 
 /* What the host builds before the submission of a command happens before it. Any other pair of queues is ordered by
@@ -166,6 +231,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
     as->handle = *out;
     as->id = atomic_fetch_add(&last_id, 1) + 1;
     as->references = 1;
+    as->size = info->size;
     as->levels = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR      ? GN_LEVEL_TOP
                  : info->type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR ? GN_LEVEL_BOTTOM
                                                                                  : 0;
@@ -259,6 +325,7 @@ static void host_wrote(struct gn_device *device, VkAccelerationStructureKHR stru
     if (as) {
         gn_as_written(device, as, GN_QUEUE_HOST, position);
         gn_as_level(as, levels);
+        gn_as_holds(as, GN_MADE_UNKNOWN, false, NULL);
     }
     gn_tally_check(device, GN_CHECKED_builds, 1);
 }

@@ -4,6 +4,7 @@
  * none; nothing is submitted in addition. */
 #include "layer/layer.h"
 
+#include <stdio.h>
 #include <stdlib.h>
 
 #define MAX_NESTING 16
@@ -70,6 +71,24 @@ static void judgement_free(struct gn_device *device, struct gn_judgement *judgem
     free(judgement);
 }
 
+static void suspicion_settle(struct gn_device *device, struct gn_suspicion *suspicion, bool completed,
+                             struct gn_findings *findings)
+{
+    bool sure = completed && !atomic_load_explicit(&device->incomplete, memory_order_relaxed);
+    for (int i = 0; i < 2; i++) {
+        struct gn_as *as = suspicion->structures[i];
+        sure &= !as || gn_as_sure(as, suspicion->queue, suspicion->position);
+        gn_as_release(as);
+    }
+    if (sure) {
+        gn_report_confirm(device->instance, suspicion->finding, findings);
+    } else {
+        gn_tally_unjudged(device, GN_UNJUDGED_unproven, 1);
+        free(suspicion->finding);
+    }
+    free(suspicion);
+}
+
 /* `readable`: the copies of this submission are complete. */
 static void settle(struct gn_device *device, struct gn_submission *submission, bool readable, struct gn_findings *findings)
 {
@@ -80,6 +99,10 @@ static void settle(struct gn_device *device, struct gn_submission *submission, b
         else if (judgement->capture)
             gn_tally_unjudged(device, GN_UNJUDGED_not_completed, 1);
         judgement_free(device, judgement);
+    }
+    for (struct gn_suspicion *suspicion = submission->suspicions, *next; suspicion; suspicion = next) {
+        next = suspicion->next;
+        suspicion_settle(device, suspicion, readable, findings);
     }
     if (submission->owned && submission->fence)
         give_fence(device, submission->fence);
@@ -112,6 +135,18 @@ struct replay {
     bool touched;
 };
 
+static struct gn_submission *submission_of(struct replay *replay)
+{
+    struct gn_submission *submission = replay->submission;
+    if (!submission && (submission = replay->submission = calloc(1, sizeof *submission))) {
+        submission->number = replay->number;
+        submission->first_position = replay->first_position;
+        submission->last = &submission->judgements;
+        submission->last_suspicion = &submission->suspicions;
+    }
+    return submission;
+}
+
 static void expect_judgement(struct replay *replay, struct gn_recording *recording, uint32_t index, uint64_t position)
 {
     const struct gn_event *event = &recording->events[index];
@@ -119,14 +154,8 @@ static void expect_judgement(struct replay *replay, struct gn_recording *recordi
     struct gn_judgement *judgement = NULL;
     if (event->capture->pending)
         settle_early(device, recording, event->capture, replay->findings);
-    if (!replay->submission) {
-        replay->submission = calloc(1, sizeof *replay->submission);
-        if (!replay->submission)
-            goto fail;
-        replay->submission->number = replay->number;
-        replay->submission->first_position = replay->first_position;
-        replay->submission->last = &replay->submission->judgements;
-    }
+    if (!submission_of(replay))
+        goto fail;
     judgement = calloc(1, sizeof *judgement);
     if (!judgement)
         goto fail;
@@ -161,6 +190,141 @@ static unsigned event_levels(const struct gn_event *event)
     }
 }
 
+static enum gn_command_kind command_of(const struct gn_event *event)
+{
+    switch (event->kind) {
+    case GN_EVENT_BUILD:
+    case GN_EVENT_UPDATE:
+    case GN_EVENT_INDIRECT_BUILD:
+        return event->is_update ? GN_COMMAND_UPDATE : GN_COMMAND_BUILD;
+    case GN_EVENT_COPY:
+        return GN_COMMAND_CLONE;
+    case GN_EVENT_COMPACT:
+        return GN_COMMAND_COMPACT;
+    case GN_EVENT_SERIALIZE:
+        return GN_COMMAND_SERIALIZE;
+    case GN_EVENT_QUERY_COMPACTED:
+        return GN_COMMAND_ASK_COMPACTED_SIZE;
+    case GN_EVENT_QUERY:
+        return GN_COMMAND_ASK_OTHER;
+    default:
+        return GN_COMMAND_KIND_COUNT;
+    }
+}
+
+static struct gn_contents contents_of(const struct gn_as *as, uint32_t queue, uint64_t position)
+{
+    if (!as)
+        return (struct gn_contents){.structure.object.kind = GN_OBJECT_NONE};
+    return (struct gn_contents){.structure = {.object = {as->kind, (uint64_t)as->handle, as->name},
+                                              .id = as->id,
+                                              .address = as->address,
+                                              .built = gn_as_built(as, queue, position)},
+                                .made = as->made,
+                                .compacted = as->compacted,
+                                .shape = as->shape ? &as->shape->shape : NULL,
+                                .generation = as->generation,
+                                .size = as->size,
+                                .compacted_size = as->compacted_size,
+                                .compacted_size_of = as->compacted_size_of,
+                                .size_asked_of = as->size_asked_of};
+}
+
+/* Where the event that is being replayed stands. */
+struct place {
+    const struct replay *replay;
+    const struct gn_event *event;
+    char text[768];
+};
+
+static const char *place_text(void *context)
+{
+    static const char *const names[] = {
+        [GN_EVENT_BUILD] = "vkCmdBuildAccelerationStructuresKHR",
+        [GN_EVENT_UPDATE] = "vkCmdBuildAccelerationStructuresKHR",
+        [GN_EVENT_INDIRECT_BUILD] = "vkCmdBuildAccelerationStructuresIndirectKHR",
+        [GN_EVENT_COPY] = "vkCmdCopyAccelerationStructureKHR",
+        [GN_EVENT_COMPACT] = "vkCmdCopyAccelerationStructureKHR",
+        [GN_EVENT_SERIALIZE] = "vkCmdCopyAccelerationStructureToMemoryKHR",
+        [GN_EVENT_QUERY_COMPACTED] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
+        [GN_EVENT_QUERY] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
+    };
+    struct place *place = context;
+    const struct replay *replay = place->replay;
+    const struct gn_command_buffer *commands = gn_command_buffer_get(replay->device, replay->command_buffer);
+    char commands_text[256], queue_text[256];
+    struct gn_object commands_object = {GN_OBJECT_COMMAND_BUFFER, (uint64_t)(uintptr_t)replay->command_buffer,
+                                        commands ? commands->name : NULL};
+    struct gn_object queue_object = {GN_OBJECT_QUEUE, (uint64_t)(uintptr_t)replay->queue->handle, replay->queue->name};
+    snprintf(place->text, sizeof place->text, "%s of %s in queue submission %llu (%s)", names[place->event->kind],
+             gn_object_describe(&commands_object, commands_text, sizeof commands_text),
+             (unsigned long long)replay->number, gn_object_describe(&queue_object, queue_text, sizeof queue_text));
+    return place->text;
+}
+
+static void suspect(struct replay *replay, const struct gn_event *event, enum gn_command_kind kind, uint64_t position)
+{
+    struct gn_device *device = replay->device;
+    uint32_t queue = replay->queue->id;
+    struct gn_command command = {.kind = kind,
+                                 .shape = event->shape ? &event->shape->shape : NULL,
+                                 .source = contents_of(event->source, queue, position),
+                                 .target = contents_of(event->target, queue, position)};
+    struct place place = {.replay = replay, .event = event};
+    struct gn_findings suspicions;
+    struct gn_pending_finding *finding;
+    gn_findings_init(&suspicions);
+    gn_report_suspect(device->instance, &command, place_text, &place, &suspicions);
+    gn_tally_check(device, GN_CHECKED_commands, 1);
+    while ((finding = gn_findings_take(&suspicions))) {
+        struct gn_submission *submission = submission_of(replay);
+        struct gn_suspicion *suspicion = submission ? calloc(1, sizeof *suspicion) : NULL;
+        if (!suspicion) {
+            free(finding);
+            gn_tally_lost(device);
+            continue;
+        }
+        *suspicion = (struct gn_suspicion){.finding = finding,
+                                           .structures = {gn_as_keep(event->source), gn_as_keep(event->target)},
+                                           .queue = queue,
+                                           .position = position};
+        *submission->last_suspicion = suspicion;
+        submission->last_suspicion = &suspicion->next;
+    }
+}
+
+/* What the target holds once the event has been executed. A source that another queue may have changed says nothing. */
+static void fill(const struct gn_event *event, uint32_t queue, uint64_t position)
+{
+    struct gn_as *target = event->target, *source = event->source;
+    if (source && source != target && !gn_as_sure(source, queue, position))
+        source = NULL;
+    switch (event->kind) {
+    case GN_EVENT_BUILD:
+    case GN_EVENT_UPDATE:
+    case GN_EVENT_INDIRECT_BUILD:
+        if (!event->is_update)
+            gn_as_holds(target, GN_MADE_BUILT, false, event->shape);
+        else if (target == source)
+            target->made = GN_MADE_UPDATED;
+        else /* what an update must not change is that of the build which the source comes from */
+            gn_as_holds(target, GN_MADE_UPDATED, source && source->compacted,
+                        source && source->shape ? source->shape : event->shape);
+        break;
+    case GN_EVENT_COPY:
+        gn_as_holds(target, GN_MADE_CLONED, source && source->compacted, source ? source->shape : NULL);
+        break;
+    case GN_EVENT_COMPACT:
+        gn_as_holds(target, GN_MADE_COMPACTED, true, source ? source->shape : NULL);
+        break;
+    case GN_EVENT_DESERIALIZE:
+        gn_as_holds(target, GN_MADE_DESERIALIZED, false, NULL);
+        break;
+    default:
+        break;
+    }
+}
+
 static void replay_recording(struct replay *replay, struct gn_recording *recording, unsigned depth)
 {
     struct gn_device *device = replay->device;
@@ -178,6 +342,11 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
             position = ++device->position;
         }
         replay->touched = true;
+        enum gn_command_kind kind = command_of(event);
+        if (device->instance->judged_commands >> kind & 1)
+            suspect(replay, event, kind, position);
+        if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)
+            gn_query_asked(event->pool, event->query, event->source);
         if (!event->target)
             continue;
         if (event->target->kind == GN_OBJECT_STRUCTURE)
@@ -188,6 +357,7 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
                                                                                             : GN_OBJECT_BLAS;
         gn_as_level(event->target, event_levels(event));
         gn_as_written(device, event->target, replay->queue->id, position);
+        fill(event, replay->queue->id, position);
         gn_tally_check(device, GN_CHECKED_builds, 1);
         if (!event->is_tlas)
             continue;

@@ -53,11 +53,7 @@ const struct gn_rule gn_rule_tlas_blas_never_built = {
               "TLAS build, or set the instance's accelerationStructureReference to 0 until it is built.",
     .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-06707",
                 "VUID-vkBuildAccelerationStructuresKHR-pInfos-03779", "WG-015", "WG-021", "WR-025"},
-    .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_DILIGENT] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_HGI] = GN_SEVERITY_ERROR},
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .test.tlas_build = tlas_blas_never_built,
 };

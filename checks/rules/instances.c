@@ -10,12 +10,6 @@ extern const struct gn_rule gn_rule_instance_reference_unknown, gn_rule_instance
     gn_rule_instance_matrix_singular, gn_rule_instance_translation_not_finite, gn_rule_instance_mask_zero,
     gn_rule_instance_mask_undeclared, gn_rule_custom_index_bound, gn_rule_custom_index_overflow;
 
-#define EVERYWHERE(level)                                                                                              \
-    {                                                                                                                  \
-        [GN_PROFILE_VULKAN] = level, [GN_PROFILE_WGPU] = level, [GN_PROFILE_WEBGPU_RT] = level,                        \
-        [GN_PROFILE_DILIGENT] = level, [GN_PROFILE_HGI] = level                                                        \
-    }
-
 static const char *place_of(const struct gn_tlas_build *build)
 {
     return build->place ? build->place : "a build of the TLAS";
@@ -91,9 +85,10 @@ const struct gn_rule gn_rule_instance_reference_unknown = {
     .remedy = "Write the value that vkGetAccelerationStructureDeviceAddressKHR gave for a BLAS that still exists, or 0, and keep "
               "a BLAS alive as long as instances refer to it.",
     .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-06707",
+                "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-12281",
                 "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-03709",
                 "VUID-vkBuildAccelerationStructuresKHR-pInfos-03779", "WG-010", "WR-083"},
-    .severity = EVERYWHERE(GN_SEVERITY_ERROR),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .test.tlas_build = reference_unknown,
 };
@@ -124,7 +119,7 @@ const struct gn_rule gn_rule_instance_reference_tlas = {
     .text = "Instances refer to bottom-level structures: created as such, or of generic type and built as such.",
     .remedy = "Refer to a BLAS; a TLAS cannot be nested in another one.",
     .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-12281", "WG-010", "WR-083"},
-    .severity = EVERYWHERE(GN_SEVERITY_ERROR),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .test.tlas_build = reference_tlas,
 };
@@ -152,7 +147,7 @@ const struct gn_rule gn_rule_instance_flags_reserved = {
             "more than 24 bits runs over into them.",
     .remedy = "Pack the offset with & 0xFFFFFF, and set defined flags only (gn_instance_pack in checks/rules/instance.h does both).",
     .sources = {"VUID-VkAccelerationStructureInstanceKHR-flags-parameter", "WR-035", "WR-079"},
-    .severity = EVERYWHERE(GN_SEVERITY_ERROR),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = flags_reserved,
@@ -181,7 +176,7 @@ const struct gn_rule gn_rule_instance_matrix_singular = {
             "computed exactly: a scale of 1e-12 is fine, a scale of 0 is not.",
     .remedy = "Give the instance an invertible transform; to hide it, set its mask or its accelerationStructureReference to 0.",
     .sources = {"VUID-VkTransformMatrixKHR-matrix-03799", "WG-011", "WR-081"},
-    .severity = EVERYWHERE(GN_SEVERITY_ERROR),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = matrix_singular,
@@ -208,7 +203,7 @@ const struct gn_rule gn_rule_instance_translation_not_finite = {
             "TLAS whose bounds are infinite is slow to trace.",
     .remedy = "Give the instance a finite translation; to hide it, set its mask or its accelerationStructureReference to 0.",
     .sources = {"WG-011", "WR-081"},
-    .severity = EVERYWHERE(GN_SEVERITY_WARNING),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_WARNING),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = translation_not_finite,
@@ -232,7 +227,7 @@ const struct gn_rule gn_rule_instance_mask_zero = {
             "note when it has active instances and all of their masks are 0.",
     .remedy = "Set the mask (0xFF lets every ray hit that has a cull mask).",
     .sources = {"WG-014", "WR-077"},
-    .severity = EVERYWHERE(GN_SEVERITY_NOTE),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_NOTE),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = mask_zero,
@@ -261,7 +256,7 @@ const struct gn_rule gn_rule_instance_mask_undeclared = {
             "24 bits runs over into the mask.",
     .remedy = "Keep custom indices below 2^24 (gn_instance_pack in checks/rules/instance.h checks that), or declare the mask too.",
     .sources = {"WG-013", "WG-014", "WR-078"},
-    .severity = EVERYWHERE(GN_SEVERITY_ERROR),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = mask_undeclared,
@@ -288,7 +283,7 @@ const struct gn_rule gn_rule_custom_index_bound = {
     .remedy = "Write an index that exists (gn_instance_pack in checks/rules/instance.h refuses one of more than 24 bits), or declare a "
               "higher bound.",
     .sources = {"WG-012", "WG-013", "WR-078"},
-    .severity = EVERYWHERE(GN_SEVERITY_ERROR),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = custom_index_bound,
@@ -318,7 +313,7 @@ const struct gn_rule gn_rule_custom_index_overflow = {
     .remedy = "Keep custom indices below 2^24 (gn_instance_pack in checks/rules/instance.h checks that). If the values are meant, disable "
               "this rule, or declare the masks in use to have them checked instead.",
     .sources = {"WG-013", "WR-078"},
-    .severity = EVERYWHERE(GN_SEVERITY_NOTE),
+    .severity = GN_EVERYWHERE(GN_SEVERITY_NOTE),
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = custom_index_overflow,

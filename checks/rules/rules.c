@@ -174,6 +174,31 @@ void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_repo
     report->survey = NULL;
 }
 
+static bool is_about(size_t index, enum gn_command_kind kind)
+{
+    return catalogue[index]->on == GN_RULE_ON_COMMAND && (catalogue[index]->commands >> kind & 1);
+}
+
+bool gn_rules_about_command(enum gn_command_kind kind, const struct gn_rule_set *enabled, enum gn_profile profile)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++)
+        if (is_about(i, kind) && gn_rule_set_has(enabled, i) && catalogue[i]->severity[profile] != GN_SEVERITY_SILENT)
+            return true;
+    return false;
+}
+
+void gn_rules_judge_command(const struct gn_command *command, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!is_about(i, command->kind) || !applies(i, GN_RULE_ON_COMMAND, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.command(command, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
 static uint64_t mix(uint64_t hash, uint64_t value)
 {
     hash ^= value + UINT64_C(0x9E3779B97F4A7C15) + (hash << 6) + (hash >> 2);

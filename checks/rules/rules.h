@@ -37,7 +37,7 @@ struct gn_rule;
 struct gn_report;
 
 /* What a rule is about: which values its test takes. */
-enum gn_rule_event { GN_RULE_ON_TLAS_BUILD };
+enum gn_rule_event { GN_RULE_ON_TLAS_BUILD, GN_RULE_ON_COMMAND };
 
 #define GN_RULE_MAX_SOURCES 16
 
@@ -53,7 +53,9 @@ struct gn_rule {
     enum gn_severity severity[GN_PROFILE_COUNT];
     enum gn_rule_event on;
     bool surveys; /* of a TLAS build: the test reads the survey of its instances */
+    uint32_t commands; /* of a command: one bit per kind that the rule is about */
     union {
+        void (*command)(const struct gn_command *command, struct gn_report *report);
         void (*tlas_build)(const struct gn_tlas_build *build, struct gn_report *report);
     } test;
 };
@@ -102,6 +104,17 @@ struct gn_report {
 
 /* Runs every enabled rule about TLAS builds that applies in the report's profile. */
 void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_report *report);
+
+/* The same for rules about commands. gn_rules_about_command says beforehand whether there are any. */
+void gn_rules_judge_command(const struct gn_command *command, struct gn_report *report);
+bool gn_rules_about_command(enum gn_command_kind kind, const struct gn_rule_set *enabled, enum gn_profile profile);
+
+/* For rules: the same severity in every profile. */
+#define GN_EVERYWHERE(level)                                                                                           \
+    {                                                                                                                  \
+        [GN_PROFILE_VULKAN] = level, [GN_PROFILE_WGPU] = level, [GN_PROFILE_WEBGPU_RT] = level,                        \
+        [GN_PROFILE_DILIGENT] = level, [GN_PROFILE_HGI] = level                                                        \
+    }
 
 /* For rules: asks whether the site made of `rule` and two ids is new, and reports a finding there.
  * The message is formatted like printf. */

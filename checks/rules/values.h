@@ -55,6 +55,69 @@ struct gn_structure {
     bool destroyed; /* it was destroyed before the event was submitted; `built` says nothing then */
 };
 
+/* One geometry of a build. The numbers are the API's own; rules only compare them. What does not apply is 0. */
+struct gn_geometry {
+    uint32_t type, flags;
+    uint32_t vertex_format, index_type, max_vertex;
+    bool has_transform;
+    uint32_t primitive_count;
+};
+
+#define GN_BUILD_ALLOW_UPDATE 0x1u
+#define GN_BUILD_ALLOW_COMPACTION 0x2u
+
+/* What a build was told, other than where its data lies. */
+struct gn_shape {
+    bool is_top;
+    bool counts_known; /* false: the numbers of primitives were in device memory */
+    uint32_t flags;
+    uint32_t geometry_count;
+    const struct gn_geometry *geometries;
+};
+
+/* How the contents of a structure came about. */
+enum gn_made {
+    GN_MADE_UNKNOWN, /* nothing yet, or in a way that was not observed in full */
+    GN_MADE_BUILT,
+    GN_MADE_UPDATED,
+    GN_MADE_CLONED,
+    GN_MADE_COMPACTED,
+    GN_MADE_DESERIALIZED,
+    GN_MADE_COUNT
+};
+
+/* A structure and its contents, as a command finds them. */
+struct gn_contents {
+    struct gn_structure structure; /* object.kind is GN_OBJECT_NONE where the command has none, or it is not known */
+    enum gn_made made;
+    bool compacted;               /* by compaction, and maybe cloned or updated since */
+    const struct gn_shape *shape; /* of the build that the contents come from; NULL: not known */
+    uint64_t generation;          /* counts builds and copies into the structure; updates in place belong to the same one */
+    uint64_t size;                /* as it was created */
+    uint64_t compacted_size;      /* the last one that the application has read; 0: none */
+    uint64_t compacted_size_of;   /* the generation that it belongs to */
+    uint64_t size_asked_of;       /* the last generation whose compacted size was asked, read or not; 0: none */
+};
+
+enum gn_command_kind {
+    GN_COMMAND_BUILD,
+    GN_COMMAND_UPDATE,
+    GN_COMMAND_CLONE,
+    GN_COMMAND_COMPACT,
+    GN_COMMAND_SERIALIZE,
+    GN_COMMAND_ASK_COMPACTED_SIZE,
+    GN_COMMAND_ASK_OTHER, /* another property of the structure */
+    GN_COMMAND_KIND_COUNT
+};
+
+/* A command on one or two structures, in the order of execution: `source` is read, `target` is written. */
+struct gn_command {
+    enum gn_command_kind kind;
+    const char *place;            /* which command buffer and submission, for messages */
+    const struct gn_shape *shape; /* of a build or update */
+    struct gn_contents source, target;
+};
+
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */
 struct gn_instance_record {
     float object_to_world[12];         /* three rows of four */

@@ -69,6 +69,7 @@ struct structure {
     struct buffer storage, scratch, input;
     uint32_t count;
     VkBuildAccelerationStructureFlagsKHR flags;
+    VkGeometryFlagsKHR geometry_flags;
     bool owns_storage;
 };
 

@@ -891,15 +891,268 @@ static void nothing_waited_for(struct world *world)
     scene_destroy(&scene);
 }
 
+static void run_update(struct world *world, struct structure *structure)
+{
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_update(world, commands, structure);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+}
+
+#define UPDATABLE VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR
+#define COMPACTABLE VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR
+#define COMPACTED_SIZE VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR
+
+static void updated(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, UPDATABLE);
+    run_build(world, &blas);
+    run_update(world, &blas);
+    run_update(world, &blas);
+    structure_destroy(world, &blas);
+}
+
+static void updated_after_a_build_with_other_flags(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, UPDATABLE);
+    blas.flags = 0;
+    run_build(world, &blas);
+    blas.flags = UPDATABLE;
+    run_build(world, &blas);
+    run_update(world, &blas);
+    structure_destroy(world, &blas);
+}
+
+static void update_and_build(struct world *world, bool build_first)
+{
+    struct structure blas = blas_create(world, BLAS, UPDATABLE);
+    VkCommandBuffer update = commands_begin(world, 0), build = commands_begin(world, 0);
+    commands_update(world, update, &blas);
+    commands_barrier(update);
+    commands_end(update);
+    commands_build_one(world, build, &blas);
+    commands_barrier(build);
+    commands_end(build);
+    submit_and_wait(world, build_first ? build : update);
+    submit_and_wait(world, build_first ? update : build);
+    structure_destroy(world, &blas);
+}
+
+/* Khronos' layer compares with the build that was recorded last, and objects. */
+static void update_recorded_before_the_build(struct world *world)
+{
+    world->above_khronos = false;
+    update_and_build(world, true);
+}
+
+static void update_submitted_before_the_build(struct world *world)
+{
+    update_and_build(world, false);
+}
+
+static void update_of_unbuilt(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, UPDATABLE);
+    structure_name(world, &blas, "tree");
+    run_update(world, &blas);
+    const struct message *message = messages_find(world, "update.source_never_built");
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "BLAS \"tree\""));
+    assert_non_null(strstr(message->text, "in queue submission 1"));
+    structure_destroy(world, &blas);
+}
+
+/* The second time it is counted, not told again. */
+static void update_not_allowed(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0);
+    run_build(world, &blas);
+    run_update(world, &blas);
+    run_update(world, &blas);
+    structure_destroy(world, &blas);
+}
+
+static void update_of_clone_not_allowed(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), copy = blas_create(world, BLAS, 0);
+    run_build(world, &blas);
+    copy_into(world, &blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR);
+    run_update(world, &copy);
+    structure_destroy(world, &copy);
+    structure_destroy(world, &blas);
+}
+
+static void update_with_other_flags(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, UPDATABLE);
+    run_build(world, &blas);
+    blas.flags |= VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR;
+    run_update(world, &blas);
+    structure_destroy(world, &blas);
+}
+
+static void update_with_other_opacity(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, UPDATABLE);
+    run_build(world, &blas);
+    blas.geometry_flags = VK_GEOMETRY_OPAQUE_BIT_KHR;
+    run_update(world, &blas);
+    structure_destroy(world, &blas);
+}
+
+static void update_with_fewer(struct world *world)
+{
+    struct structure tlas = tlas_create(world, 2);
+    run_build(world, &tlas);
+    tlas.count = 1;
+    run_update(world, &tlas);
+    structure_destroy(world, &tlas);
+}
+
+static void clone_of_unbuilt(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), copy = target_create(world, BLAS, blas.size);
+    copy_into(world, &blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_CLONE_KHR);
+    structure_destroy(world, &copy);
+    structure_destroy(world, &blas);
+}
+
+static void ask_size(struct world *world, const struct structure *structure, VkQueryType type)
+{
+    VkQueryPool pool;
+    VkQueryPoolCreateInfo info = {.sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO, .queryType = type, .queryCount = 1};
+    assert_int_equal(vkCreateQueryPool(world->device, &info, NULL, &pool), VK_SUCCESS);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    vkCmdResetQueryPool(commands, pool, 0, 1);
+    world->CmdWriteAccelerationStructuresPropertiesKHR(commands, 1, &structure->handle, type, pool, 0);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    vkDestroyQueryPool(world->device, pool, NULL);
+}
+
+static void size_of_unbuilt(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0);
+    ask_size(world, &blas, VK_QUERY_TYPE_ACCELERATION_STRUCTURE_SERIALIZATION_SIZE_KHR);
+    structure_destroy(world, &blas);
+}
+
+static void compacted_size_not_allowed(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0);
+    run_build(world, &blas);
+    ask_size(world, &blas, COMPACTED_SIZE);
+    structure_destroy(world, &blas);
+}
+
+static void compaction_not_allowed(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), copy = target_create(world, BLAS, blas.size);
+    run_build(world, &blas);
+    copy_into(world, &blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR);
+    structure_destroy(world, &copy);
+    structure_destroy(world, &blas);
+}
+
+/* A target whose memory is as large as that of `like`, but which was created with `size` bytes of it. */
+static struct structure narrow_target(struct world *world, const struct structure *like, VkDeviceSize size)
+{
+    struct structure target = target_create(world, BLAS, like->size);
+    structure_destroy_handle(world, &target);
+    target.size = size;
+    structure_create_handle(world, &target, BLAS);
+    return target;
+}
+
+static void compact_into(struct world *world, const struct structure *from, VkDeviceSize size)
+{
+    struct structure target = narrow_target(world, from, size);
+    copy_into(world, from, &target, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR);
+    structure_destroy(world, &target);
+}
+
+static void compacted_into_too_little(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE);
+    run_build(world, &blas);
+    compact_into(world, &blas, size_of(world, &blas, COMPACTED_SIZE) - 1);
+    structure_destroy(world, &blas);
+}
+
+/* One byte less than the whole: a size that must have come from somewhere. */
+static void compacted_after_rebuild(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE);
+    run_build(world, &blas);
+    size_of(world, &blas, COMPACTED_SIZE);
+    run_build(world, &blas);
+    compact_into(world, &blas, blas.size - 1);
+    structure_destroy(world, &blas);
+}
+
+static void compacted_after_update(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE | UPDATABLE);
+    run_build(world, &blas);
+    VkDeviceSize size = size_of(world, &blas, COMPACTED_SIZE);
+    run_update(world, &blas);
+    compact_into(world, &blas, size);
+    structure_destroy(world, &blas);
+}
+
+static void compacted_after_rebuild_asked_again(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE);
+    run_build(world, &blas);
+    size_of(world, &blas, COMPACTED_SIZE);
+    run_build(world, &blas);
+    compact_into(world, &blas, size_of(world, &blas, COMPACTED_SIZE));
+    structure_destroy(world, &blas);
+}
+
+static void compacted_after_rebuild_into_plenty(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE);
+    run_build(world, &blas);
+    size_of(world, &blas, COMPACTED_SIZE);
+    run_build(world, &blas);
+    compact_into(world, &blas, blas.size);
+    structure_destroy(world, &blas);
+}
+
+static void compacted_twice(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE);
+    run_build(world, &blas);
+    struct structure copy = narrow_target(world, &blas, size_of(world, &blas, COMPACTED_SIZE));
+    copy_into(world, &blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR);
+    compact_into(world, &copy, copy.size);
+    structure_destroy(world, &copy);
+    structure_destroy(world, &blas);
+}
+
+static void compacted_and_updated(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, COMPACTABLE | UPDATABLE), copy = blas_create(world, BLAS, blas.flags);
+    run_build(world, &blas);
+    copy_into(world, &blas, &copy, VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR);
+    run_update(world, &copy);
+    structure_destroy(world, &copy);
+    structure_destroy(world, &blas);
+}
+
 static const struct scenario {
     const char *name, *why;
     void (*run)(struct world *world);
     uint32_t findings;
-    const char *rule;
+    const char *rule, *profile;
 } scenarios[] = {
-#define FIRES(scenario, count, why) {#scenario, why, scenario, count, NEVER_BUILT},
-#define SILENT(scenario, why) {#scenario, why, scenario, 0, NEVER_BUILT},
-#define FIRES_RULE(scenario, rule, why) {#scenario, why, scenario, 1, rule},
+#define FIRES(scenario, count, why) {#scenario, why, scenario, count, NEVER_BUILT, "vulkan"},
+#define SILENT(scenario, why) {#scenario, why, scenario, 0, NEVER_BUILT, "vulkan"},
+#define FIRES_RULE(scenario, rule, why) {#scenario, why, scenario, 1, rule, "vulkan"},
+#define FIRES_IN(profile, scenario, rule, why) {#scenario " in " profile, why, scenario, 1, rule, profile},
+#define SILENT_IN(profile, scenario, why) {#scenario " in " profile, why, scenario, 0, NEVER_BUILT, profile},
     FIRES(never_built, 1, "created, referred to, never built")
     SILENT(built_in_earlier_submission, "the usual way")
     FIRES(later_instance_named, 1, "the offending one among several instances")
@@ -954,6 +1207,32 @@ static const struct scenario {
     SILENT(memory_requirements_agree, "added usage shows in every query alike")
     FIRES(wide_usage_flags, 1, "usage flags of 64 bits")
     FIRES(nothing_waited_for, 1, "the fence is destroyed at once after the wait")
+    SILENT_IN("wgpu", built_in_same_call, "wgpu puts them in order")
+
+    SILENT(updated, "built with ALLOW_UPDATE, and nothing changed")
+    SILENT(updated_after_a_build_with_other_flags, "the last build counts")
+    SILENT(update_recorded_before_the_build, "submission order is what counts")
+    FIRES_RULE(update_submitted_before_the_build, "update.source_never_built", "submission order is what counts")
+    FIRES_RULE(update_of_unbuilt, "update.source_never_built", "there is nothing to start from")
+    FIRES_RULE(update_not_allowed, "update.not_allowed", "the flag is missing in the build")
+    FIRES_RULE(update_of_clone_not_allowed, "update.not_allowed", "a clone is as its source was built")
+    FIRES_RULE(update_with_other_flags, "update.flags_changed", "another hint")
+    FIRES_RULE(update_with_other_opacity, "update.geometry_changed", "opaque now")
+    FIRES_RULE(update_with_fewer, "update.count_changed", "two instances, then one")
+    FIRES_RULE(clone_of_unbuilt, "copy.source_never_built", "there is nothing to copy")
+    FIRES_IN("webgpu-rt", cloned, "copy.target_never_built", "Vulkan does not ask for that")
+    FIRES_RULE(size_of_unbuilt, "query.never_built", "it has no size yet")
+    FIRES_RULE(compacted_size_not_allowed, "compaction.query_not_allowed", "the flag is missing in the build")
+    FIRES_RULE(compaction_not_allowed, "compaction.not_allowed", "the flag is missing in the build")
+    FIRES_RULE(compacted_into_too_little, "compaction.target_too_small", "one byte less than reported")
+    FIRES_RULE(compacted_after_rebuild, "compaction.size_outdated", "the size belongs to the build before")
+    SILENT(compacted_after_update, "an update in place does not change the size")
+    SILENT(compacted_after_rebuild_asked_again, "the size belongs to the last build")
+    SILENT(compacted_after_rebuild_into_plenty, "the size of the source always suffices")
+    SILENT(compacted_twice, "no use, but valid")
+    FIRES_IN("wgpu", compacted_twice, "compaction.repeated", "wgpu forbids it")
+    SILENT(compacted_and_updated, "valid where the size suffices")
+    FIRES_IN("wgpu", compacted_and_updated, "compaction.rebuilt", "wgpu forbids it")
 };
 
 #define SCENARIO_COUNT (sizeof scenarios / sizeof scenarios[0])
@@ -963,6 +1242,7 @@ static void run_scenario(void **state)
     const struct scenario *scenario = *state;
     struct world *world = calloc(1, sizeof *world);
     assert_non_null(world);
+    setenv("VK_GNOMON_RAY_TRACING_PROFILE", scenario->profile, 1);
     world_init(world, NULL);
     world->rule = scenario->rule;
     scenario->run(world);

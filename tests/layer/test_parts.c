@@ -109,6 +109,55 @@ static VKAPI_ATTR void VKAPI_CALL build_indirect(VkCommandBuffer commands, uint3
     (void)commands, (void)count, (void)infos, (void)addresses, (void)strides, (void)maxima;
 }
 
+static VKAPI_ATTR void VKAPI_CALL copy_structure(VkCommandBuffer commands, const VkCopyAccelerationStructureInfoKHR *info)
+{
+    (void)commands, (void)info;
+}
+
+static VKAPI_ATTR void VKAPI_CALL write_properties(VkCommandBuffer commands, uint32_t count,
+                                                   const VkAccelerationStructureKHR *structures, VkQueryType type,
+                                                   VkQueryPool pool, uint32_t first)
+{
+    (void)commands, (void)count, (void)structures, (void)type, (void)pool, (void)first;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL reset_commands(VkCommandBuffer commands, VkCommandBufferResetFlags flags)
+{
+    (void)commands, (void)flags;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL create_query_pool(VkDevice device, const VkQueryPoolCreateInfo *info,
+                                                        const VkAllocationCallbacks *allocator, VkQueryPool *out)
+{
+    (void)device, (void)info, (void)allocator;
+    *out = (VkQueryPool)next_handle++;
+    return VK_SUCCESS;
+}
+
+static VKAPI_ATTR void VKAPI_CALL destroy_query_pool(VkDevice device, VkQueryPool pool,
+                                                     const VkAllocationCallbacks *allocator)
+{
+    (void)device, (void)pool, (void)allocator;
+}
+
+static VkResult query_result;
+
+/* Every compacted size is 600. */
+static VKAPI_ATTR VkResult VKAPI_CALL get_query_results(VkDevice device, VkQueryPool pool, uint32_t first, uint32_t count,
+                                                        size_t size, void *data, VkDeviceSize stride,
+                                                        VkQueryResultFlags flags)
+{
+    (void)device, (void)pool, (void)first, (void)size;
+    for (uint32_t i = 0; i < count; i++) {
+        uint64_t wide = 600;
+        uint32_t narrow = 600;
+        bool is_wide = (flags & VK_QUERY_RESULT_64_BIT) != 0;
+        memcpy((char *)data + i * stride, is_wide ? (const void *)&wide : &narrow, is_wide ? 8 : 4);
+    }
+    return query_result;
+}
+
 static VKAPI_ATTR void VKAPI_CALL pipeline_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
                                                    VkPipelineStageFlags to, VkDependencyFlags flags, uint32_t memory_count,
                                                    const VkMemoryBarrier *memory, uint32_t buffer_count,
@@ -240,7 +289,7 @@ static int set_up(void **state)
     struct fixture *fixture = calloc(1, sizeof *fixture);
     struct gn_device *device = calloc(1, sizeof *device);
     staging = calloc(1, 1 << 20);
-    submit_result = build_result = fence_status = VK_SUCCESS;
+    submit_result = build_result = fence_status = query_result = VK_SUCCESS;
     one_address = 0;
     fake_instance.table = &table_of_instance;
     fake_device.table = fake_queues[0].table = fake_queues[1].table = &table_of_device;
@@ -249,6 +298,7 @@ static int set_up(void **state)
                                                       .profile = GN_PROFILE_VULKAN,
                                                       .rules = gn_rule_set_all(),
                                                       .instance_cap = 1000};
+    fixture->instance.judged_commands = (UINT32_C(1) << GN_COMMAND_KIND_COUNT) - 1;
     pthread_mutex_init(&fixture->instance.lock, NULL);
     fixture->record = (VkAccelerationStructureInstanceKHR){.transform = {{{1, 0, 0, 0}, {0, 1, 0, 0}, {0, 0, 1, 0}}},
                                                            .mask = 0xFF};
@@ -275,6 +325,12 @@ static int set_up(void **state)
                                            .AllocateCommandBuffers = allocate_commands,
                                            .CmdBuildAccelerationStructuresKHR = build,
                                            .CmdBuildAccelerationStructuresIndirectKHR = build_indirect,
+                                           .CmdCopyAccelerationStructureKHR = copy_structure,
+                                           .CmdWriteAccelerationStructuresPropertiesKHR = write_properties,
+                                           .ResetCommandBuffer = reset_commands,
+                                           .CreateQueryPool = create_query_pool,
+                                           .DestroyQueryPool = destroy_query_pool,
+                                           .GetQueryPoolResults = get_query_results,
                                            .CmdPipelineBarrier = pipeline_barrier,
                                            .CmdCopyBuffer = copy_buffer,
                                            .CreateBuffer = create_buffer,
@@ -474,6 +530,139 @@ static void an_indirect_build_counts_as_built(void **state)
     on_queue(fixture, 0, 1, tlas, TOP, VK_NULL_HANDLE);
     gn_device_collect(fixture->device);
     assert_int_equal(fixture->instance.findings, 0);
+}
+
+static void submit_one(struct fixture *fixture, int queue, int commands)
+{
+    VkSubmitInfo info = {
+        .sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = &fixture->commands[commands]};
+    gn_entry_QueueSubmit((VkQueue)(void *)&fake_queues[queue], 1, &info, VK_NULL_HANDLE);
+}
+
+static void update_on_queue(struct fixture *fixture, int queue, int commands, VkAccelerationStructureKHR blas)
+{
+    struct job job;
+    job_fill(&job, fixture, blas, BOTTOM);
+    job.info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+    job.info.srcAccelerationStructure = blas;
+    gn_entry_CmdBuildAccelerationStructuresKHR(fixture->commands[commands], 1, &job.info, &job.ranges);
+    submit_one(fixture, queue, commands);
+}
+
+/* The update may have waited for the build, although that was submitted after it. */
+static void an_update_that_may_follow_a_build_is_not_accused(void **state)
+{
+    struct fixture *fixture = *state;
+    enum { OTHER_QUEUE, HOST, NOBODY, WAYS };
+    for (int way = 0; way < WAYS; way++) {
+        VkAccelerationStructureKHR blas = make(fixture, BOTTOM);
+        fence_status = VK_NOT_READY;
+        update_on_queue(fixture, 0, 2 * way, blas);
+        if (way == OTHER_QUEUE)
+            on_queue(fixture, 1, 2 * way + 1, blas, BOTTOM, VK_NULL_HANDLE);
+        else if (way == HOST)
+            on_host(fixture, blas, BOTTOM);
+        assert_int_equal(fixture->instance.findings, 0);
+        fence_status = VK_SUCCESS;
+        gn_device_collect(fixture->device);
+        assert_int_equal(fixture->instance.findings, way == NOBODY);
+        assert_int_equal(unjudged(fixture, GN_UNJUDGED_unproven), way == NOBODY ? 2 : way + 1);
+    }
+}
+
+/* What the host has built, and with which flags, is not looked at. */
+static void an_update_of_a_host_build_is_not_accused(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR blas = make(fixture, BOTTOM);
+    on_host(fixture, blas, BOTTOM);
+    update_on_queue(fixture, 0, 0, blas);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    on_queue(fixture, 0, 1, blas, BOTTOM, VK_NULL_HANDLE);
+    update_on_queue(fixture, 0, 2, blas);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
+}
+
+static void an_update_that_did_not_run_is_not_accused(void **state)
+{
+    struct fixture *fixture = *state;
+    submit_result = VK_ERROR_OUT_OF_DEVICE_MEMORY;
+    update_on_queue(fixture, 0, 0, make(fixture, BOTTOM));
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_unproven), 1);
+    submit_result = VK_SUCCESS;
+    fence_status = VK_ERROR_DEVICE_LOST;
+    update_on_queue(fixture, 0, 1, make(fixture, BOTTOM));
+    gn_device_collect(fixture->device);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_unproven), 2);
+    fence_status = VK_SUCCESS;
+    gn_tally_lost(fixture->device);
+    update_on_queue(fixture, 0, 2, make(fixture, BOTTOM));
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+}
+
+/* The source of the copy is one that another queue builds: what the copy holds is not known. */
+static void a_copy_of_something_uncertain_is_uncertain(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR source = make(fixture, BOTTOM), copy = make(fixture, BOTTOM);
+    VkCopyAccelerationStructureInfoKHR info = {.src = source, .dst = copy};
+    on_queue(fixture, 1, 0, source, BOTTOM, VK_NULL_HANDLE);
+    gn_entry_CmdCopyAccelerationStructureKHR(fixture->commands[1], &info);
+    submit_one(fixture, 0, 1);
+    update_on_queue(fixture, 0, 2, copy);
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+}
+
+/* A compacted size counts for the build that it was asked of, and only if there is no doubt which answer was read. */
+static void a_size_belongs_to_one_build(void **state)
+{
+    static const struct {
+        const char *name;
+        bool wide, asked_twice, unavailable, partial, other_slot;
+        unsigned findings;
+    } rows[] = {
+        {"64 bits", true, false, false, false, false, 1},       {"32 bits", false, false, false, false, false, 1},
+        {"asked again unread", true, true, false, false, false, 0}, {"not available", true, false, true, false, false, 0},
+        {"partial", true, false, false, true, false, 0},        {"another slot", true, false, false, false, true, 0},
+    };
+    struct fixture *fixture = *state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        VkAccelerationStructureCreateInfoKHR create = {.type = BOTTOM, .size = 599};
+        VkQueryPoolCreateInfo pool_info = {.queryType = VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR, .queryCount = 2};
+        VkAccelerationStructureKHR source = make(fixture, BOTTOM), target;
+        VkCommandBuffer commands = fixture->commands[i];
+        VkQueryPool pool;
+        struct job job;
+        gn_entry_CreateAccelerationStructureKHR(fixture->handle, &create, NULL, &target);
+        gn_entry_CreateQueryPool(fixture->handle, &pool_info, NULL, &pool);
+        job_fill(&job, fixture, source, BOTTOM);
+        job.info.flags = VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR;
+        gn_entry_CmdBuildAccelerationStructuresKHR(commands, 1, &job.info, &job.ranges);
+        for (int ask = 0; ask <= rows[i].asked_twice; ask++)
+            gn_entry_CmdWriteAccelerationStructuresPropertiesKHR(commands, 1, &source, pool_info.queryType, pool,
+                                                                 rows[i].other_slot ? 0 : 1);
+        gn_entry_CmdWriteAccelerationStructuresPropertiesKHR(commands, 1, &source, pool_info.queryType, pool, 7);
+        submit_one(fixture, 0, (int)i);
+        uint64_t data[2] = {0};
+        query_result = rows[i].unavailable ? VK_NOT_READY : VK_SUCCESS;
+        gn_entry_GetQueryPoolResults(fixture->handle, pool, 1, 1, sizeof data, data, 8,
+                                     (rows[i].wide ? VK_QUERY_RESULT_64_BIT : 0) |
+                                         (rows[i].partial ? VK_QUERY_RESULT_PARTIAL_BIT : 0));
+        VkCopyAccelerationStructureInfoKHR copy = {
+            .src = source, .dst = target, .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR};
+        unsigned long long before = fixture->instance.findings;
+        gn_entry_CmdCopyAccelerationStructureKHR(fixture->commands[6], &copy);
+        submit_one(fixture, 0, 6);
+        gn_device_collect(fixture->device);
+        gn_entry_ResetCommandBuffer(fixture->commands[6], 0);
+        if (fixture->instance.findings - before != rows[i].findings)
+            fail_msg("%s: expected %u findings, found %llu", rows[i].name, rows[i].findings, fixture->instance.findings - before);
+        gn_entry_DestroyQueryPool(fixture->handle, pool, NULL);
+    }
 }
 
 static void a_refused_submission_is_not_judged(void **state)
@@ -757,6 +946,11 @@ int main(void)
         cmocka_unit_test_setup_teardown(host_build_before_a_device_build, set_up, tear_down),
         cmocka_unit_test_setup_teardown(two_queues_are_not_judged_by_submission_order, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_indirect_build_counts_as_built, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(an_update_that_may_follow_a_build_is_not_accused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(an_update_of_a_host_build_is_not_accused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(an_update_that_did_not_run_is_not_accused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_copy_of_something_uncertain_is_uncertain, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(a_size_belongs_to_one_build, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_refused_submission_is_not_judged, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_lost_device_is_not_judged, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_fence_that_is_reset_has_completed, set_up, tear_down),

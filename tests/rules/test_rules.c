@@ -285,6 +285,132 @@ static const struct row rows[] = {
     FOUR("instances.custom_index_overflow", "mask beside index", "both count, each for itself", 0, NULL, words_of_two_masks),
 };
 
+/* The command of a row: filled with what is valid, then altered by the row. */
+struct command_subject {
+    struct gn_command command;
+    struct gn_shape before, now;
+    struct gn_geometry geometry_before[2], geometry_now[2];
+};
+
+struct command_row {
+    const char *rule;
+    enum gn_command_kind kind;
+    enum gn_profile profile;
+    const char *name;
+    uint32_t expected;
+    const char *says;
+    void (*alter)(struct command_subject *subject);
+};
+
+#define ALTER(name, statement)                                                                                         \
+    static void name(struct command_subject *subject)                                                                  \
+    {                                                                                                                  \
+        struct gn_contents *source = &subject->command.source, *target = &subject->command.target;                    \
+        (void)source, (void)target;                                                                                    \
+        statement;                                                                                                     \
+    }
+
+ALTER(source_never, source->structure.built = GN_BUILT_NEVER)
+ALTER(source_unordered, source->structure.built = GN_BUILT_UNORDERED)
+ALTER(source_missing, source->structure = (struct gn_structure){.built = GN_BUILT_NEVER})
+ALTER(target_never, target->structure.built = GN_BUILT_NEVER)
+ALTER(no_flags, subject->before.flags = subject->now.flags = 0)
+ALTER(no_flags_unordered, no_flags(subject); source_unordered(subject))
+ALTER(no_flags_unknown, no_flags(subject); source->shape = NULL)
+ALTER(other_flags, subject->now.flags |= 4)
+ALTER(other_flags_unknown, other_flags(subject); source->shape = NULL)
+ALTER(other_type, subject->geometry_now[1].type = 1)
+ALTER(other_opacity, subject->geometry_now[1].flags = 1)
+ALTER(other_format, subject->geometry_now[1].vertex_format = 1)
+ALTER(other_index_type, subject->geometry_now[1].index_type = 1)
+ALTER(other_max_vertex, subject->geometry_now[1].max_vertex = 8)
+ALTER(other_transform, subject->geometry_now[1].has_transform = true)
+ALTER(other_level, subject->now.is_top = true)
+ALTER(other_opacity_unknown, other_opacity(subject); source->shape = NULL)
+ALTER(fewer_geometries, subject->now.geometry_count = 1)
+ALTER(fewer_primitives, subject->geometry_now[1].primitive_count = 5)
+ALTER(fewer_primitives_indirect, fewer_primitives(subject); subject->now.counts_known = false)
+ALTER(size_reported, source->compacted_size = 600; source->compacted_size_of = 3; target->size = 599)
+ALTER(size_suffices, size_reported(subject); target->size = 600)
+ALTER(size_of_earlier, size_reported(subject); source->compacted_size_of = 2)
+ALTER(size_asked_again, size_of_earlier(subject); source->size_asked_of = 3)
+ALTER(size_of_earlier_plenty, size_of_earlier(subject); target->size = source->size)
+ALTER(source_compacted, source->compacted = true)
+ALTER(target_compacted, target->compacted = true)
+
+#define COMMAND(rule, kind, name, expected, says, alter)                                                               \
+    {rule, GN_COMMAND_##kind, GN_PROFILE_VULKAN, name, expected, says, alter}
+#define COMMAND_IN(profile, rule, kind, name, expected, says, alter)                                                   \
+    {rule, GN_COMMAND_##kind, GN_PROFILE_##profile, name, expected, says, alter}
+
+static const struct command_row command_rows[] = {
+    COMMAND("update.source_never_built", UPDATE, "never built", 1, "BLAS \"copy\" (0x21) is updated from BLAS \"tree\"", source_never),
+    COMMAND("update.source_never_built", UPDATE, "built", 0, NULL, NULL),
+    COMMAND("update.source_never_built", UPDATE, "not ordered", 0, NULL, source_unordered),
+    COMMAND("update.source_never_built", UPDATE, "not known", 0, NULL, source_missing),
+    COMMAND("update.not_allowed", UPDATE, "no flag", 1, "flags 0x0, without ALLOW_UPDATE", no_flags),
+    COMMAND("update.not_allowed", UPDATE, "allowed", 0, NULL, NULL),
+    COMMAND("update.not_allowed", UPDATE, "not ordered", 0, NULL, no_flags_unordered),
+    COMMAND("update.not_allowed", UPDATE, "not known", 0, NULL, no_flags_unknown),
+    COMMAND("update.not_allowed", UPDATE, "never built", 0, NULL, source_never),
+    COMMAND("update.flags_changed", UPDATE, "another flag", 1, "flags 0x3 and is updated with flags 0x7", other_flags),
+    COMMAND("update.flags_changed", UPDATE, "the same", 0, NULL, NULL),
+    COMMAND("update.flags_changed", UPDATE, "not known", 0, NULL, other_flags_unknown),
+    COMMAND("update.geometry_changed", UPDATE, "type", 1, "another geometryType of geometry 1 than it was built with: 1, was 0",
+            other_type),
+    COMMAND("update.geometry_changed", UPDATE, "opacity", 1, "another flags of geometry 1", other_opacity),
+    COMMAND("update.geometry_changed", UPDATE, "format", 1, "vertexFormat", other_format),
+    COMMAND("update.geometry_changed", UPDATE, "index type", 1, "indexType", other_index_type),
+    COMMAND("update.geometry_changed", UPDATE, "maxVertex", 1, "8, was 7", other_max_vertex),
+    COMMAND("update.geometry_changed", UPDATE, "transform", 1, "transformData", other_transform),
+    COMMAND("update.geometry_changed", UPDATE, "level", 1, "another type", other_level),
+    COMMAND("update.geometry_changed", UPDATE, "the same", 0, NULL, NULL),
+    COMMAND("update.geometry_changed", UPDATE, "not known", 0, NULL, other_opacity_unknown),
+    COMMAND("update.geometry_changed", UPDATE, "count", 0, NULL, fewer_primitives),
+    COMMAND("update.count_changed", UPDATE, "geometries", 1, "1 geometries, and was built with 2", fewer_geometries),
+    COMMAND("update.count_changed", UPDATE, "primitives", 1, "5 primitives in geometry 1, and was built with 6", fewer_primitives),
+    COMMAND("update.count_changed", UPDATE, "indirect", 0, NULL, fewer_primitives_indirect),
+    COMMAND("update.count_changed", UPDATE, "the same", 0, NULL, NULL),
+    COMMAND("copy.source_never_built", CLONE, "never built", 1, "BLAS \"tree\" (0x20) is copied", source_never),
+    COMMAND("copy.source_never_built", COMPACT, "never built", 1, NULL, source_never),
+    COMMAND("copy.source_never_built", SERIALIZE, "never built", 1, NULL, source_never),
+    COMMAND("copy.source_never_built", CLONE, "built", 0, NULL, NULL),
+    COMMAND("copy.source_never_built", CLONE, "not ordered", 0, NULL, source_unordered),
+    COMMAND("copy.source_never_built", UPDATE, "another command", 0, NULL, source_never),
+    COMMAND_IN(WEBGPU_RT, "copy.target_never_built", CLONE, "never built", 1, NULL, target_never),
+    COMMAND_IN(WEBGPU_RT, "copy.target_never_built", CLONE, "built", 0, NULL, NULL),
+    COMMAND("copy.target_never_built", CLONE, "Vulkan does not mind", 0, NULL, target_never),
+    COMMAND("query.never_built", ASK_COMPACTED_SIZE, "never built", 1, "size of BLAS \"tree\"", source_never),
+    COMMAND("query.never_built", ASK_OTHER, "never built", 1, NULL, source_never),
+    COMMAND("query.never_built", ASK_OTHER, "built", 0, NULL, NULL),
+    COMMAND("compaction.query_not_allowed", ASK_COMPACTED_SIZE, "no flag", 1, "without ALLOW_COMPACTION", no_flags),
+    COMMAND("compaction.query_not_allowed", ASK_OTHER, "another size", 0, NULL, no_flags),
+    COMMAND("compaction.query_not_allowed", ASK_COMPACTED_SIZE, "allowed", 0, NULL, NULL),
+    COMMAND("compaction.query_not_allowed", ASK_COMPACTED_SIZE, "not known", 0, NULL, no_flags_unknown),
+    COMMAND("compaction.not_allowed", COMPACT, "no flag", 1, "without ALLOW_COMPACTION", no_flags),
+    COMMAND("compaction.not_allowed", CLONE, "a clone", 0, NULL, no_flags),
+    COMMAND("compaction.not_allowed", COMPACT, "allowed", 0, NULL, NULL),
+    COMMAND("compaction.target_too_small", COMPACT, "one byte less", 1, "of 599 bytes, but its compacted size was reported as 600",
+            size_reported),
+    COMMAND("compaction.target_too_small", COMPACT, "just enough", 0, NULL, size_suffices),
+    COMMAND("compaction.target_too_small", COMPACT, "never asked", 0, NULL, NULL),
+    COMMAND("compaction.target_too_small", COMPACT, "of an earlier build", 0, NULL, size_of_earlier),
+    COMMAND("compaction.target_too_small", CLONE, "a clone", 0, NULL, size_reported),
+    COMMAND("compaction.size_outdated", COMPACT, "of an earlier build", 1, "built anew after its compacted size (600)", size_of_earlier),
+    COMMAND("compaction.size_outdated", COMPACT, "asked again", 0, NULL, size_asked_again),
+    COMMAND("compaction.size_outdated", COMPACT, "plenty", 0, NULL, size_of_earlier_plenty),
+    COMMAND("compaction.size_outdated", COMPACT, "of this build", 0, NULL, size_reported),
+    COMMAND_IN(WGPU, "compaction.repeated", COMPACT, "compacted", 1, NULL, source_compacted),
+    COMMAND_IN(WGPU, "compaction.repeated", COMPACT, "not compacted", 0, NULL, NULL),
+    COMMAND("compaction.repeated", COMPACT, "Vulkan does not mind", 0, NULL, source_compacted),
+    COMMAND_IN(WGPU, "compaction.rebuilt", BUILD, "compacted", 1, "built again", target_compacted),
+    COMMAND_IN(WGPU, "compaction.rebuilt", UPDATE, "compacted", 1, "updated", target_compacted),
+    COMMAND_IN(WGPU, "compaction.rebuilt", BUILD, "not compacted", 0, NULL, NULL),
+    COMMAND("compaction.rebuilt", BUILD, "Vulkan does not mind", 0, NULL, target_compacted),
+};
+
+#define COMMAND_ROW_COUNT (sizeof command_rows / sizeof command_rows[0])
+
 #define ROW_COUNT (sizeof rows / sizeof rows[0])
 
 struct collected {
@@ -386,6 +512,53 @@ static void every_row(void **state)
     assert_int_equal(failures, 0);
 }
 
+static void run_command_row(const struct command_row *row, struct gn_report *report)
+{
+    struct command_subject subject = {.command.kind = row->kind, .command.place = "a test"};
+    struct gn_geometry geometry = {.max_vertex = 7, .primitive_count = 6};
+    for (int i = 0; i < 2; i++)
+        subject.geometry_before[i] = subject.geometry_now[i] = geometry;
+    subject.before = subject.now = (struct gn_shape){.counts_known = true, .flags = 3, .geometry_count = 2};
+    subject.before.geometries = subject.geometry_before;
+    subject.now.geometries = subject.geometry_now;
+    subject.command.shape = &subject.now;
+    subject.command.source = (struct gn_contents){
+        .structure = {.object = {GN_OBJECT_BLAS, 0x20, "tree"}, .id = 1, .built = GN_BUILT_BEFORE},
+        .made = GN_MADE_BUILT,
+        .shape = &subject.before,
+        .generation = 3,
+        .size = 1024};
+    subject.command.target = subject.command.source;
+    subject.command.target.structure.object.handle = 0x21;
+    subject.command.target.structure.object.name = "copy";
+    subject.command.target.structure.id = 2;
+    if (row->alter)
+        row->alter(&subject);
+    gn_rules_judge_command(&subject.command, report);
+}
+
+static void every_command_row(void **state)
+{
+    (void)state;
+    int failures = 0;
+    for (size_t i = 0; i < COMMAND_ROW_COUNT; i++) {
+        const struct command_row *row = &command_rows[i];
+        struct collected out = {.findings = 0};
+        struct gn_report report = report_into(&out);
+        report.profile = row->profile;
+        enable_only(&report, row->rule);
+        run_command_row(row, &report);
+        bool said = !row->says || strstr(out.first, row->says);
+        bool told = !row->expected || gn_rules_about_command(row->kind, &report.enabled, row->profile);
+        if (out.findings != row->expected || !said || !told) {
+            print_error("%s, row \"%s\": expected %u findings saying \"%s\", found %u: \"%s\"\n", row->rule, row->name,
+                        row->expected, row->says ? row->says : "", out.findings, out.first);
+            failures++;
+        }
+    }
+    assert_int_equal(failures, 0);
+}
+
 static void every_rule_fires_and_stays_silent(void **state)
 {
     (void)state;
@@ -396,6 +569,9 @@ static void every_rule_fires_and_stays_silent(void **state)
         for (size_t i = 0; i < ROW_COUNT; i++)
             if (strcmp(rows[i].rule, gn_rules_at(r)->id) == 0)
                 rows[i].expected ? firing++ : silent++;
+        for (size_t i = 0; i < COMMAND_ROW_COUNT; i++)
+            if (strcmp(command_rows[i].rule, gn_rules_at(r)->id) == 0)
+                command_rows[i].expected ? firing++ : silent++;
         if (!firing || !silent) {
             print_error("%s has %d firing and %d silent rows; it needs both\n", gn_rules_at(r)->id, firing, silent);
             failures++;
@@ -438,7 +614,7 @@ static void every_block_is_complete(void **state)
             anywhere |= rule->severity[p] != GN_SEVERITY_SILENT;
         }
         assert_true(anywhere);
-        assert_non_null(rule->test.tlas_build);
+        assert_true(rule->on == GN_RULE_ON_COMMAND ? rule->test.command && rule->commands : rule->test.tlas_build && !rule->commands);
         for (size_t other = 0; other < r; other++)
             assert_string_not_equal(gn_rules_at(other)->id, rule->id);
     }
@@ -577,6 +753,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_row),
+        cmocka_unit_test(every_command_row),
         cmocka_unit_test(every_rule_fires_and_stays_silent),
         cmocka_unit_test(every_block_is_complete),
         cmocka_unit_test(disabled_rules_do_not_run),
