@@ -19,6 +19,7 @@ static const struct {
     {"replay", gn_command_replay, "gnomon replay",
      "re-run a failing ray or case and explain it step by step"},
     {"accuracy", gn_command_accuracy, "gnomon accuracy", "measure what accuracy costs in time: table and plot"},
+    {"instrument", gn_command_instrument, "gnomon instrument", "judge one shader and write it with run-time checks"},
     {"worker", gn_worker_main, "gnomon worker", NULL},
 };
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])

@@ -1,0 +1,371 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The code that runs at an operation on a ray query: a condition that is cheap where all is well, and behind it, the call that
+ * leaves records. A check never does itself what the specification leaves undefined: it asks a query for its candidate
+ * only where the shadow state says that there is one.
+ *
+ * The shadow state is a word per query (GN_RECORD_STATE_*), and the tmax it was initialized with where an intersection is generated. */
+#include "checks/spirv/records.h"
+#include "checks/spirv/writer.h"
+
+#define INITIALIZED GN_RECORD_STATE_INITIALIZED
+#define CANDIDATE GN_RECORD_STATE_CANDIDATE
+#define FINISHED GN_RECORD_STATE_FINISHED
+
+#define RULES_OF_STATE                                                                                                 \
+    (RULE_BIT(UNINITIALIZED) | RULE_BIT(PROCEED_AFTER_FALSE) | RULE_BIT(TERMINATE_AFTER_FALSE) |                       \
+     RULE_BIT(CANDIDATE_NONE) | RULE_BIT(CONFIRM_NO_CANDIDATE) | RULE_BIT(GENERATE_NO_CANDIDATE) |                     \
+     RULE_BIT(COMMITTED_TOO_EARLY))
+/* Rules that ask the query for its candidate or for what is committed. */
+#define RULES_OF_CANDIDATE                                                                                             \
+    (RULE_BIT(CANDIDATE_NOT_TRIANGLE) | RULE_BIT(CANDIDATE_NOT_AABB) | RULE_BIT(CONFIRM_NOT_TRIANGLE) |                \
+     RULE_BIT(GENERATE_NOT_AABB) | RULE_BIT(GENERATE_RANGE))
+#define RULES_OF_COMMITTED (RULE_BIT(COMMITTED_NONE) | RULE_BIT(COMMITTED_NOT_TRIANGLE))
+#define RULES_OF_INITIALIZE (~0u << GN_SPIRV_RULE_INITIALIZE_NAN)
+
+/* Conditions gathered at one site. */
+struct gathered {
+    uint32_t conditions[GN_SPIRV_RULE_COUNT]; /* per rule; 0 where not gathered */
+    uint32_t any;                             /* their disjunction, 0 while there is none */
+    uint32_t operands[GN_RECORD_OPERANDS];    /* 0 for none */
+};
+
+static void either(struct writer *writer, uint32_t *any, uint32_t condition)
+{
+    *any = *any ? COMPUTE(writer, SpvOpLogicalOr, type_bool(writer), *any, condition) : condition;
+}
+
+static void gather(struct writer *writer, struct gathered *gathered, uint32_t rule, uint32_t condition)
+{
+    gathered->conditions[rule] = condition;
+    either(writer, &gathered->any, condition);
+}
+
+/* Whether the states in which the site may be reached leave no doubt that its live getters are legal. */
+static bool live_getters_legal(const struct site *site)
+{
+    if (site->checked & RULES_OF_CANDIDATE)
+        return !(site->states & (STATE_UNINITIALIZED | STATES_NO_CANDIDATE));
+    return !(site->states & STATE_UNINITIALIZED);
+}
+
+bool checks_need_state(const struct site *site)
+{
+    return (site->checked & RULES_OF_STATE) ||
+           ((site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED)) && !live_getters_legal(site));
+}
+
+uint32_t shadow_pointer(struct writer *writer, uint32_t pointer, bool tmax)
+{
+    uint32_t chain[1 + MAX_INDICES], count = 0;
+    uint32_t root = pointer_root(writer->analysis, pointer, chain + 1, &count);
+    chain[0] = root == NONE ? 0 : (tmax ? writer->tmax_of : writer->state_of)[root];
+    if (count == 0)
+        return chain[0];
+    const struct root *of = &writer->analysis->roots[root];
+    uint32_t type = type_pointer(writer, of->storage, tmax ? type_float(writer) : type_uint(writer));
+    return compute(writer, SpvOpAccessChain, type, chain, count + 1u);
+}
+
+/* (state & mask) == value */
+static uint32_t state_is(struct writer *writer, uint32_t state, uint32_t mask, uint32_t value)
+{
+    uint32_t bits = COMPUTE(writer, SpvOpBitwiseAnd, type_uint(writer), state, constant_uint(writer, mask));
+    return COMPUTE(writer, SpvOpIEqual, type_bool(writer), bits, constant_uint(writer, value));
+}
+
+static void gather_states(struct writer *writer, const struct site *site, uint32_t state, struct gathered *gathered)
+{
+    static const struct {
+        uint32_t rule, mask, value;
+    } table[] = {
+        {GN_SPIRV_RULE_UNINITIALIZED, INITIALIZED, 0},
+        {GN_SPIRV_RULE_PROCEED_AFTER_FALSE, INITIALIZED | FINISHED, INITIALIZED | FINISHED},
+        {GN_SPIRV_RULE_TERMINATE_AFTER_FALSE, INITIALIZED | FINISHED, INITIALIZED | FINISHED},
+        {GN_SPIRV_RULE_CANDIDATE_NONE, INITIALIZED | CANDIDATE, INITIALIZED},
+        {GN_SPIRV_RULE_CONFIRM_NO_CANDIDATE, INITIALIZED | CANDIDATE, INITIALIZED},
+        {GN_SPIRV_RULE_GENERATE_NO_CANDIDATE, INITIALIZED | CANDIDATE, INITIALIZED},
+        {GN_SPIRV_RULE_COMMITTED_TOO_EARLY, INITIALIZED | FINISHED, INITIALIZED},
+    };
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++)
+        if (site->checked >> table[i].rule & 1)
+            gather(writer, gathered, table[i].rule, state_is(writer, state, table[i].mask, table[i].value));
+}
+
+static uint32_t type_getter(struct writer *writer, uint32_t query, bool committed)
+{
+    return COMPUTE(writer, SpvOpRayQueryGetIntersectionTypeKHR, type_uint(writer), query, constant_uint(writer, committed));
+}
+
+/* t in [tmin, T committed so far]; NaN is not. Leaves t, tmin and that T as operands. */
+static uint32_t out_of_range(struct writer *writer, uint32_t query, uint32_t t, uint32_t operands[3])
+{
+    uint32_t float_ = type_float(writer), bool_ = type_bool(writer), uint_ = type_uint(writer);
+    uint32_t tmin = COMPUTE(writer, SpvOpRayQueryGetRayTMinKHR, float_, query);
+    uint32_t tmax = COMPUTE(writer, SpvOpLoad, float_, shadow_pointer(writer, query, true));
+    uint32_t type = type_getter(writer, query, true);
+    struct branch hit;
+    branch_begin(writer, COMPUTE(writer, SpvOpINotEqual, bool_, type, constant_uint(writer, 0)), &hit);
+    uint32_t committed = COMPUTE(writer, SpvOpRayQueryGetIntersectionTKHR, float_, query, constant_uint(writer, 1));
+    branch_end(writer, &hit);
+    uint32_t current = branch_phi(writer, &hit, float_, committed, tmax);
+    uint32_t above = COMPUTE(writer, SpvOpFOrdGreaterThanEqual, bool_, t, tmin);
+    uint32_t below = COMPUTE(writer, SpvOpFOrdLessThanEqual, bool_, t, current);
+    uint32_t inside = COMPUTE(writer, SpvOpLogicalAnd, bool_, above, below);
+    operands[0] = COMPUTE(writer, SpvOpBitcast, uint_, t);
+    operands[1] = COMPUTE(writer, SpvOpBitcast, uint_, tmin);
+    operands[2] = COMPUTE(writer, SpvOpBitcast, uint_, current);
+    return COMPUTE(writer, SpvOpLogicalNot, bool_, inside);
+}
+
+/* What the query itself has to be asked for. */
+static void gather_live(struct writer *writer, const struct site *site, uint32_t state, struct gathered *gathered)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
+    uint32_t rules = site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED), bool_ = type_bool(writer);
+    uint32_t false_ = constant_plain(writer, SpvOpConstantFalse, bool_);
+    uint32_t found[GN_SPIRV_RULE_COUNT] = {0}, operands[3] = {0};
+    struct branch guard;
+    if (!rules)
+        return;
+    bool guarded = !live_getters_legal(site);
+    if (guarded) {
+        uint32_t needs = rules & RULES_OF_CANDIDATE ? INITIALIZED | CANDIDATE : INITIALIZED;
+        branch_begin(writer, state_is(writer, state, needs, needs), &guard);
+    }
+    uint32_t type = type_getter(writer, query, (rules & RULES_OF_COMMITTED) != 0);
+    uint32_t uint_zero = constant_uint(writer, 0);
+    for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
+        if (!(rules >> rule & 1))
+            continue;
+        switch (rule) {
+        case GN_SPIRV_RULE_CANDIDATE_NOT_TRIANGLE:
+        case GN_SPIRV_RULE_CONFIRM_NOT_TRIANGLE:
+            found[rule] = COMPUTE(writer, SpvOpINotEqual, bool_, type, uint_zero);
+            break;
+        case GN_SPIRV_RULE_CANDIDATE_NOT_AABB:
+        case GN_SPIRV_RULE_GENERATE_NOT_AABB:
+        case GN_SPIRV_RULE_COMMITTED_NONE: found[rule] = COMPUTE(writer, SpvOpIEqual, bool_, type, uint_zero); break;
+        case GN_SPIRV_RULE_COMMITTED_NOT_TRIANGLE:
+            found[rule] = COMPUTE(writer, SpvOpIEqual, bool_, type, constant_uint(writer, COMMITTED_GENERATED));
+            break;
+        case GN_SPIRV_RULE_GENERATE_RANGE:
+            found[rule] = out_of_range(writer, query, inst_word(writer->module, inst, 2), operands);
+            break;
+        default: break;
+        }
+    }
+    if (guarded)
+        branch_end(writer, &guard);
+    for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT && guarded; rule++)
+        if (found[rule])
+            found[rule] = branch_phi(writer, &guard, bool_, found[rule], false_);
+    for (int i = 0; i < 3; i++)
+        if (operands[i])
+            gathered->operands[i] =
+                guarded ? branch_phi(writer, &guard, type_uint(writer), operands[i], uint_zero) : operands[i];
+    for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++)
+        if (found[rule])
+            gather(writer, gathered, rule, found[rule]);
+}
+
+/* Initialize */
+
+struct ray {
+    uint32_t flags, mask, vectors[2], t[2]; /* ids: origin and direction, tmin and tmax */
+    uint32_t vector_bits[2], t_bits[2];     /* as integers without their sign (vectors), or as they are (t) */
+};
+
+static uint32_t both(struct writer *writer, uint32_t opcode, uint32_t a, uint32_t b)
+{
+    return COMPUTE(writer, opcode, type_bool(writer), a, b);
+}
+
+static uint32_t any_component(struct writer *writer, uint32_t opcode, uint32_t bits, uint32_t value)
+{
+    uint32_t each = COMPUTE(writer, opcode, type_bool3(writer), bits, constant_uint3(writer, value));
+    return COMPUTE(writer, SpvOpAny, type_bool(writer), each);
+}
+
+static uint32_t masked(struct writer *writer, uint32_t value, uint32_t mask)
+{
+    return COMPUTE(writer, SpvOpBitwiseAnd, type_uint(writer), value, constant_uint(writer, mask));
+}
+
+/* More than one bit is set. */
+static uint32_t several(struct writer *writer, uint32_t bits)
+{
+    uint32_t less = COMPUTE(writer, SpvOpISub, type_uint(writer), bits, constant_uint(writer, 1));
+    uint32_t left = COMPUTE(writer, SpvOpBitwiseAnd, type_uint(writer), bits, less);
+    return COMPUTE(writer, SpvOpINotEqual, type_bool(writer), left, constant_uint(writer, 0));
+}
+
+static uint32_t zero_vector(struct writer *writer, uint32_t bits)
+{
+    uint32_t each = COMPUTE(writer, SpvOpIEqual, type_bool3(writer), bits, constant_uint3(writer, 0));
+    return COMPUTE(writer, SpvOpAll, type_bool(writer), each);
+}
+
+#define EXPONENT 0x7F800000u
+
+/* Integers decide, not floating-point comparisons: these may be compiled under the assumption that there are no NaNs. */
+static uint32_t initialize_condition(struct writer *writer, const struct ray *ray, uint32_t rule)
+{
+    uint32_t bool_ = type_bool(writer), uint_ = type_uint(writer), out = 0;
+    switch (rule) {
+    case GN_SPIRV_RULE_INITIALIZE_NAN:
+        for (int i = 0; i < 2; i++) {
+            either(writer, &out, any_component(writer, SpvOpUGreaterThan, ray->vector_bits[i], EXPONENT));
+            uint32_t magnitude = masked(writer, ray->t_bits[i], 0x7FFFFFFFu);
+            either(writer, &out, both(writer, SpvOpUGreaterThan, magnitude, constant_uint(writer, EXPONENT)));
+        }
+        return out;
+    case GN_SPIRV_RULE_INITIALIZE_INFINITE:
+        for (int i = 0; i < 2; i++)
+            either(writer, &out, any_component(writer, SpvOpIEqual, ray->vector_bits[i], EXPONENT));
+        return out;
+    case GN_SPIRV_RULE_INITIALIZE_NEGATIVE_T:
+        /* Negative, but neither -0 nor NaN: 0x80000001 up to minus infinity. */
+        for (int i = 0; i < 2; i++) {
+            uint32_t shifted =
+                COMPUTE(writer, SpvOpISub, uint_, ray->t_bits[i], constant_uint(writer, 0x80000001u));
+            either(writer, &out, both(writer, SpvOpULessThan, shifted, constant_uint(writer, EXPONENT)));
+        }
+        return out;
+    case GN_SPIRV_RULE_INITIALIZE_T_ORDER: return COMPUTE(writer, SpvOpFOrdGreaterThan, bool_, ray->t[0], ray->t[1]);
+    case GN_SPIRV_RULE_INITIALIZE_ZERO_DIRECTION: return zero_vector(writer, ray->vector_bits[1]);
+    case GN_SPIRV_RULE_INITIALIZE_SKIP_BOTH: return state_is(writer, ray->flags, 0x300, 0x300);
+    case GN_SPIRV_RULE_INITIALIZE_CULL_PAIR: return several(writer, masked(writer, ray->flags, 0x130));
+    case GN_SPIRV_RULE_INITIALIZE_OPACITY_PAIR: return several(writer, masked(writer, ray->flags, 0xC3));
+    case GN_SPIRV_RULE_INITIALIZE_UNKNOWN_FLAGS:
+        return both(writer, SpvOpINotEqual, masked(writer, ray->flags, ~known_flags(writer->module)),
+                    constant_uint(writer, 0));
+    default:
+        out = both(writer, SpvOpUGreaterThan, ray->mask, constant_uint(writer, 0xFF));
+        return both(writer, SpvOpLogicalAnd, out,
+                    both(writer, SpvOpINotEqual, ray->mask, constant_uint(writer, UINT32_MAX)));
+    }
+}
+
+static uint32_t as_uint(struct writer *writer, uint32_t id)
+{
+    const struct inst *inst = definition_of(writer->module, id);
+    uint32_t uint_ = type_uint(writer);
+    return inst && inst->type == uint_ ? id : COMPUTE(writer, SpvOpBitcast, uint_, id);
+}
+
+static void ray_read(struct writer *writer, const struct inst *inst, struct ray *ray)
+{
+    const struct module *module = writer->module;
+    ray->flags = as_uint(writer, inst_word(module, inst, 3));
+    ray->mask = as_uint(writer, inst_word(module, inst, 4));
+    for (uint32_t i = 0; i < 2; i++) {
+        ray->vectors[i] = inst_word(module, inst, 5 + 2 * i);
+        ray->t[i] = inst_word(module, inst, 6 + 2 * i);
+        uint32_t bits = COMPUTE(writer, SpvOpBitcast, type_uint3(writer), ray->vectors[i]);
+        ray->vector_bits[i] =
+            COMPUTE(writer, SpvOpBitwiseAnd, type_uint3(writer), bits, constant_uint3(writer, 0x7FFFFFFFu));
+        ray->t_bits[i] = COMPUTE(writer, SpvOpBitcast, type_uint(writer), ray->t[i]);
+    }
+}
+
+/*
+ * The quick test: true whenever a rule among `rules` is broken, and perhaps otherwise. Integers order non-negative floats: a tmin that is no
+ * greater than a tmax no greater than infinity leaves out every wrong pair (and -0, which the exact test clears).
+ */
+static uint32_t initialize_suspicious(struct writer *writer, const struct ray *ray, uint32_t rules)
+{
+    uint32_t any = 0;
+    const uint32_t of_t = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_NEGATIVE_T) | RULE_BIT(INITIALIZE_T_ORDER);
+    const uint32_t of_vectors = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_INFINITE);
+    if (rules & of_vectors)
+        for (int i = 0; i < 2; i++)
+            either(writer, &any, any_component(writer, SpvOpUGreaterThanEqual, ray->vector_bits[i], EXPONENT));
+    if (rules & of_t) {
+        either(writer, &any, both(writer, SpvOpUGreaterThan, ray->t_bits[0], ray->t_bits[1]));
+        either(writer, &any, both(writer, SpvOpUGreaterThan, ray->t_bits[1], constant_uint(writer, EXPONENT)));
+    }
+    for (uint32_t rule = GN_SPIRV_RULE_INITIALIZE_ZERO_DIRECTION; rule <= GN_SPIRV_RULE_INITIALIZE_MASK_BITS; rule++)
+        if (rules >> rule & 1)
+            either(writer, &any, initialize_condition(writer, ray, rule));
+    return any;
+}
+
+static void ray_operands(struct writer *writer, const struct ray *ray, uint32_t out[GN_RECORD_OPERANDS])
+{
+    uint32_t float_ = type_float(writer), uint_ = type_uint(writer), count = 0;
+    out[count++] = ray->flags;
+    out[count++] = ray->mask;
+    for (int i = 0; i < 2; i++) {
+        for (uint32_t c = 0; c < 3; c++) {
+            uint32_t value = COMPUTE(writer, SpvOpCompositeExtract, float_, ray->vectors[i], c);
+            out[count++] = COMPUTE(writer, SpvOpBitcast, uint_, value);
+        }
+        out[count++] = ray->t_bits[i];
+    }
+}
+
+void checks_write(struct writer *writer, const struct site *site)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
+    uint32_t uint_ = type_uint(writer), zero = constant_uint(writer, 0), state = 0;
+    struct gathered gathered = {.any = 0};
+    struct ray ray;
+    if (!site->checked)
+        return;
+    if (checks_need_state(site)) {
+        state = COMPUTE(writer, SpvOpLoad, uint_, shadow_pointer(writer, query, false));
+        gather_states(writer, site, state, &gathered);
+    }
+    gather_live(writer, site, state, &gathered);
+    if (site->checked & RULES_OF_INITIALIZE) {
+        ray_read(writer, inst, &ray);
+        gathered.any = initialize_suspicious(writer, &ray, site->checked);
+    }
+
+    struct branch wrong;
+    branch_begin(writer, gathered.any, &wrong);
+    uint32_t mask = 0, bit = 0;
+    for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
+        if (!(site->checked >> rule & 1))
+            continue;
+        uint32_t condition = RULES_OF_INITIALIZE >> rule & 1 ? initialize_condition(writer, &ray, rule)
+                                                             : gathered.conditions[rule];
+        uint32_t value = COMPUTE(writer, SpvOpSelect, uint_, condition, constant_uint(writer, 1u << bit++), zero);
+        mask = mask ? COMPUTE(writer, SpvOpBitwiseOr, uint_, mask, value) : value;
+    }
+    if (site->checked & RULES_OF_INITIALIZE)
+        ray_operands(writer, &ray, gathered.operands);
+    uint32_t call[4 + GN_RECORD_OPERANDS] = {writer->record_function, constant_uint(writer, site->first_check), mask,
+                                             state ? state : zero};
+    for (int i = 0; i < GN_RECORD_OPERANDS; i++)
+        call[4 + i] = gathered.operands[i] ? gathered.operands[i] : zero;
+    compute(writer, SpvOpFunctionCall, type_void(writer), call, 4 + GN_RECORD_OPERANDS);
+    branch_end(writer, &wrong);
+}
+
+void shadow_update(struct writer *writer, const struct site *site)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
+    uint32_t query = inst_word(writer->module, inst, site->operation->query_word), uint_ = type_uint(writer);
+    if (site->operation->kind == OPERATION_INITIALIZE) {
+        if (group->needs_state)
+            EMIT(&writer->out, SpvOpStore, shadow_pointer(writer, query, false), constant_uint(writer, INITIALIZED));
+        if (group->needs_tmax)
+            EMIT(&writer->out, SpvOpStore, shadow_pointer(writer, query, true), inst_word(writer->module, inst, 8));
+    } else if (site->operation->kind == OPERATION_PROCEED && group->needs_state) {
+        /* A query that was never initialized stays so: each later operation on it is one more report. */
+        bool doubtful = site->states & STATE_UNINITIALIZED;
+        uint32_t pointer = shadow_pointer(writer, query, false), started = doubtful ? 0 : INITIALIZED;
+        uint32_t yes = constant_uint(writer, started | CANDIDATE), no = constant_uint(writer, started | FINISHED);
+        uint32_t state = COMPUTE(writer, SpvOpSelect, uint_, inst->result, yes, no);
+        if (doubtful) {
+            uint32_t before = COMPUTE(writer, SpvOpLoad, uint_, pointer);
+            uint32_t kept = masked(writer, before, INITIALIZED);
+            state = COMPUTE(writer, SpvOpBitwiseOr, uint_, state, kept);
+        }
+        EMIT(&writer->out, SpvOpStore, pointer, state);
+    }
+}

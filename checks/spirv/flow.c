@@ -1,0 +1,609 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* A forward data-flow analysis of the ray-query protocol: at every operation the set of states in which it may be reached,
+ * through branches, loops and calls. Sets only grow until nothing changes, so what is not in a set cannot happen (unless
+ * an earlier operation was already wrong and is reported itself). A callee is analysed once for all its calls together. */
+#include <string.h>
+
+#include "checks/spirv/analysis.h"
+
+/* More than this many cells per function are not worth their memory: then every state is taken for possible. */
+#define MAX_CELLS (4u << 20)
+
+/* What is known of one object at one point. The ids name results that still describe the object: of its last Proceed and
+ * of the getters of its types; 0 when there is none. */
+struct cell {
+    uint32_t states;
+    uint32_t proceed, candidate_type, committed_type;
+    uint32_t flags;
+    bool flags_known;
+};
+
+/* Per function: the objects it can reach, and the scalar variables whose value is followed. */
+struct frame {
+    uint32_t *objects;
+    uint32_t object_count, parameter_objects;
+    uint32_t *variables; /* ids */
+    uint32_t variable_count;
+    struct cell *entry, *exit; /* per object */
+    struct cell *in;           /* per block and object */
+    uint32_t *values;          /* per block and variable: the id last stored, or 0 */
+    bool *visited, *dirty;     /* per block */
+    bool reached, waiting, returns;
+};
+
+struct flow {
+    struct analysis *analysis;
+    struct module *module;
+    struct frame *frames;
+    uint32_t *slot_of_object;   /* within the frame being processed, plus 1 */
+    uint32_t *slot_of_variable; /* per id, plus 1; a variable belongs to one function */
+    uint32_t *alias;            /* per id of a load: the id that was stored, or 0 */
+    struct cell *cells;         /* the state while walking a block */
+    struct cell *edge_cells;
+    uint32_t *values;
+    bool recording;
+};
+
+static bool cell_join(struct cell *into, const struct cell *from, bool first)
+{
+    if (first) {
+        *into = *from;
+        return true;
+    }
+    struct cell old = *into;
+    into->states |= from->states;
+    if (into->proceed != from->proceed)
+        into->proceed = 0;
+    if (into->candidate_type != from->candidate_type)
+        into->candidate_type = 0;
+    if (into->committed_type != from->committed_type)
+        into->committed_type = 0;
+    if (!from->flags_known || into->flags != from->flags)
+        into->flags_known = false;
+    return old.states != into->states || old.proceed != into->proceed || old.candidate_type != into->candidate_type ||
+           old.committed_type != into->committed_type || old.flags_known != into->flags_known;
+}
+
+static const struct cell unknown_cell = {.states = STATES_ALL};
+
+/* Where one state may go at a Proceed. */
+static uint32_t proceed_from(uint32_t committed, const struct cell *cell)
+{
+    bool triangles = true, aabbs = true, commits = true;
+    if (cell->flags_known) {
+        uint32_t flags = cell->flags;
+        triangles = !(flags & (SpvRayFlagsSkipTrianglesKHRMask | SpvRayFlagsOpaqueKHRMask | SpvRayFlagsCullNoOpaqueKHRMask));
+        aabbs = !(flags & SpvRayFlagsSkipAABBsKHRMask);
+        commits = !(flags & (SpvRayFlagsSkipTrianglesKHRMask | SpvRayFlagsNoOpaqueKHRMask | SpvRayFlagsCullOpaqueKHRMask));
+    }
+    uint32_t out = 0;
+    for (uint32_t c = 0; c < COMMITTED_COUNT; c++) {
+        if (c != committed && !(c == COMMITTED_TRIANGLE && commits))
+            continue;
+        out |= STATE_FINISHED(c);
+        if (triangles)
+            out |= STATE_CANDIDATE(KIND_TRIANGLE, c);
+        if (aabbs)
+            out |= STATE_CANDIDATE(KIND_AABB, c);
+    }
+    return out;
+}
+
+/* A wrong operation leaves the state as it was: the next one is judged by itself. */
+static uint32_t states_after(enum operation_kind kind, const struct cell *cell)
+{
+    uint32_t out = 0;
+    for (uint32_t bit = 1; bit <= STATES_ALL; bit <<= 1) {
+        if (!(cell->states & bit))
+            continue;
+        uint32_t committed = bit & STATES_COMMITTED(COMMITTED_TRIANGLE)    ? COMMITTED_TRIANGLE
+                             : bit & STATES_COMMITTED(COMMITTED_GENERATED) ? COMMITTED_GENERATED
+                                                                           : COMMITTED_NOTHING;
+        uint32_t aabb = (bit & STATES_AT_AABB) != 0;
+        switch (kind) {
+        case OPERATION_INITIALIZE: out |= STATE_INITIALIZED; break;
+        case OPERATION_PROCEED:
+            if (bit & STATES_TERMINATED)
+                out |= STATE_FINISHED(committed);
+            else if (bit & (STATE_INITIALIZED | STATES_CANDIDATE))
+                out |= proceed_from(committed, cell);
+            else
+                out |= bit;
+            break;
+        case OPERATION_CONFIRM:
+            out |= !(bit & STATES_AT_TRIANGLE) ? bit
+                   : bit & STATES_CANDIDATE    ? STATE_CANDIDATE(KIND_TRIANGLE, COMMITTED_TRIANGLE)
+                                               : STATE_TERMINATED(KIND_TRIANGLE, COMMITTED_TRIANGLE);
+            break;
+        case OPERATION_GENERATE:
+            out |= !(bit & STATES_AT_AABB)  ? bit
+                   : bit & STATES_CANDIDATE ? STATE_CANDIDATE(KIND_AABB, COMMITTED_GENERATED)
+                                            : STATE_TERMINATED(KIND_AABB, COMMITTED_GENERATED);
+            break;
+        case OPERATION_TERMINATE: out |= bit & STATES_CANDIDATE ? STATE_TERMINATED(aabb, committed) : bit; break;
+        default: out |= bit; break;
+        }
+    }
+    return out;
+}
+
+static void operate(struct flow *flow, const struct frame *frame, struct site *site)
+{
+    const struct inst *inst = &flow->module->insts[site->inst];
+    uint32_t slot = flow->slot_of_object[site->object];
+    if (!slot || slot > frame->object_count)
+        return;
+    struct cell *cell = &flow->cells[slot - 1];
+    bool strong = flow->analysis->objects[site->object].strong;
+    if (flow->recording) {
+        site->states |= cell->states;
+        site->reachable = true;
+    }
+    if (flow->analysis->roots[flow->analysis->objects[site->object].root].aliased)
+        return;
+    uint32_t after = states_after(site->operation->kind, cell);
+    if (!strong) {
+        cell->states |= after;
+        cell->proceed = cell->candidate_type = cell->committed_type = 0;
+        cell->flags_known = false;
+        return;
+    }
+    cell->states = after;
+    switch (site->operation->kind) {
+    case OPERATION_INITIALIZE:
+        cell->proceed = cell->candidate_type = cell->committed_type = 0;
+        cell->flags_known = operands_flags(flow->module, inst, &cell->flags);
+        if (!cell->flags_known)
+            cell->flags = 0;
+        break;
+    case OPERATION_PROCEED:
+        cell->proceed = inst->result;
+        cell->candidate_type = cell->committed_type = 0;
+        break;
+    case OPERATION_CONFIRM:
+    case OPERATION_GENERATE: cell->committed_type = 0; break;
+    case OPERATION_GET_TYPE:
+        if (site->committed)
+            cell->committed_type = inst->result;
+        else
+            cell->candidate_type = inst->result;
+        break;
+    default: break;
+    }
+}
+
+/* Refinement by branches */
+
+static uint32_t value_behind(const struct flow *flow, uint32_t id)
+{
+    for (int depth = 0; depth < 8; depth++) {
+        const struct inst *inst = definition_of(flow->module, id);
+        if (inst && inst->opcode == SpvOpLoad && flow->alias[id])
+            id = flow->alias[id];
+        else if (inst && (inst->opcode == SpvOpCopyObject || inst->opcode == SpvOpBitcast))
+            id = inst_word(flow->module, inst, 3);
+        else
+            break;
+    }
+    return id;
+}
+
+static void refine_type(struct cell *cells, uint32_t count, uint32_t id, uint32_t value, bool equal)
+{
+    for (uint32_t o = 0; o < count; o++) {
+        uint32_t these = STATES_ALL;
+        if (cells[o].candidate_type == id)
+            these = value == KIND_TRIANGLE ? STATES_AT_TRIANGLE : value == KIND_AABB ? STATES_AT_AABB : 0;
+        else if (cells[o].committed_type == id && value == COMMITTED_NOTHING)
+            these = STATES_ALL & ~STATES_COMMITTED(COMMITTED_TRIANGLE) & ~STATES_COMMITTED(COMMITTED_GENERATED);
+        else if (cells[o].committed_type == id)
+            these = value < COMMITTED_COUNT ? STATES_COMMITTED(value) : 0;
+        else
+            continue;
+        /* A getter that had no candidate to tell of says nothing. */
+        uint32_t says_nothing = cells[o].candidate_type == id ? STATE_UNINITIALIZED | STATES_NO_CANDIDATE : STATE_UNINITIALIZED;
+        cells[o].states &= (equal ? these : ~these) | says_nothing;
+    }
+}
+
+static void refine(const struct flow *flow, struct cell *cells, uint32_t count, uint32_t condition, bool truth, int depth)
+{
+    uint32_t id = value_behind(flow, condition);
+    const struct inst *inst = definition_of(flow->module, id);
+    if (!inst || depth > 16)
+        return;
+    switch (inst->opcode) {
+    case SpvOpRayQueryProceedKHR:
+        /* An operation that was wrong returned anything. */
+        for (uint32_t o = 0; o < count; o++)
+            if (cells[o].proceed == id)
+                cells[o].states &= (truth ? STATES_AT_CANDIDATE : STATES_FINISHED) | STATE_UNINITIALIZED;
+        break;
+    case SpvOpLogicalNot: refine(flow, cells, count, inst_word(flow->module, inst, 3), !truth, depth + 1); break;
+    case SpvOpLogicalAnd:
+    case SpvOpLogicalOr:
+        if (truth == (inst->opcode == SpvOpLogicalAnd)) {
+            refine(flow, cells, count, inst_word(flow->module, inst, 3), truth, depth + 1);
+            refine(flow, cells, count, inst_word(flow->module, inst, 4), truth, depth + 1);
+        }
+        break;
+    case SpvOpLogicalEqual:
+    case SpvOpLogicalNotEqual:
+        for (uint32_t w = 3; w <= 4; w++) {
+            uint32_t other = opcode_of(flow->module, inst_word(flow->module, inst, 7 - w));
+            if (other == SpvOpConstantTrue || other == SpvOpConstantFalse)
+                refine(flow, cells, count, inst_word(flow->module, inst, w),
+                       truth == ((inst->opcode == SpvOpLogicalEqual) == (other == SpvOpConstantTrue)), depth + 1);
+        }
+        break;
+    case SpvOpIEqual:
+    case SpvOpINotEqual:
+        for (uint32_t w = 3; w <= 4; w++) {
+            uint32_t value;
+            if (constant_u32(flow->module, inst_word(flow->module, inst, 7 - w), &value))
+                refine_type(cells, count, value_behind(flow, inst_word(flow->module, inst, w)), value,
+                            truth == (inst->opcode == SpvOpIEqual));
+        }
+        break;
+    default: break;
+    }
+}
+
+/* Frames */
+
+/* Function variables of a scalar type that are only loaded and stored as a whole. */
+static bool find_variables(struct flow *flow, uint32_t f)
+{
+    struct module *module = flow->module;
+    const struct function *function = &module->functions[f];
+    struct frame *frame = &flow->frames[f];
+    uint32_t count = 0;
+    for (uint32_t i = function->first; i <= function->last; i++)
+        count += module->insts[i].opcode == SpvOpVariable;
+    frame->variables = arena_alloc(module->arena, count + 1u, sizeof *frame->variables);
+    if (!frame->variables)
+        return false;
+    for (uint32_t i = function->first; i <= function->last; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode != SpvOpVariable)
+            continue;
+        const struct inst *pointer = definition_of(module, inst->type);
+        uint32_t pointee = pointer ? opcode_of(module, inst_word(module, pointer, 3)) : 0;
+        if (pointee == SpvOpTypeBool || pointee == SpvOpTypeInt) {
+            frame->variables[frame->variable_count++] = inst->result;
+            flow->slot_of_variable[inst->result] = frame->variable_count;
+        }
+    }
+    for (uint32_t i = function->first; i <= function->last; i++) {
+        const struct inst *inst = &module->insts[i];
+        uint32_t number;
+        if (inst->opcode == SpvOpVariable || is_debug(module, inst, &number))
+            continue;
+        for (uint32_t w = 1; w < inst->count; w++) {
+            bool plain = (inst->opcode == SpvOpLoad && w == 3 && inst->count == 4) ||
+                         (inst->opcode == SpvOpStore && w == 1 && inst->count == 3);
+            if (inst_word_is_id(module, inst, w) && !plain)
+                flow->slot_of_variable[inst_word(module, inst, w)] = 0;
+        }
+    }
+    return true;
+}
+
+static bool in_frame(const struct flow *flow, uint32_t object, uint32_t function)
+{
+    const struct root *root = &flow->analysis->roots[flow->analysis->objects[object].root];
+    return root->function == function || root->function == NONE;
+}
+
+static bool frame_make(struct flow *flow, uint32_t f)
+{
+    struct module *module = flow->module;
+    struct frame *frame = &flow->frames[f];
+    const struct function *function = &module->functions[f];
+    struct analysis *analysis = flow->analysis;
+    for (uint32_t o = 0; o < analysis->object_count; o++)
+        frame->object_count += in_frame(flow, o, f);
+    frame->objects = arena_alloc(module->arena, frame->object_count + 1u, sizeof *frame->objects);
+    if (!frame->objects || !find_variables(flow, f))
+        return false;
+    frame->object_count = 0;
+    for (uint32_t o = 0; o < analysis->object_count; o++)
+        if (in_frame(flow, o, f))
+            frame->objects[frame->object_count++] = o;
+    size_t cells = (size_t)function->block_count * frame->object_count;
+    frame->entry = arena_alloc(module->arena, frame->object_count + 1u, sizeof *frame->entry);
+    frame->exit = arena_alloc(module->arena, frame->object_count + 1u, sizeof *frame->exit);
+    frame->in = arena_alloc(module->arena, cells + 1, sizeof *frame->in);
+    frame->values = arena_alloc(module->arena, (size_t)function->block_count * frame->variable_count + 1, sizeof *frame->values);
+    frame->visited = arena_alloc(module->arena, function->block_count + 1u, sizeof *frame->visited);
+    frame->dirty = arena_alloc(module->arena, function->block_count + 1u, sizeof *frame->dirty);
+    return frame->entry && frame->exit && frame->in && frame->values && frame->visited && frame->dirty;
+}
+
+static bool affordable(const struct analysis *analysis)
+{
+    const struct module *module = analysis->module;
+    uint64_t cells = 0;
+    for (uint32_t f = 0; f < module->function_count; f++) {
+        uint64_t variables = 0;
+        for (uint32_t i = module->functions[f].first; i <= module->functions[f].last; i++)
+            variables += module->insts[i].opcode == SpvOpVariable;
+        if (analysis->touches[f])
+            cells += module->functions[f].block_count * (analysis->object_count + variables);
+    }
+    return cells <= MAX_CELLS;
+}
+
+/* Processing */
+
+static uint32_t slot_in(const struct frame *frame, uint32_t object)
+{
+    for (uint32_t o = 0; o < frame->object_count; o++)
+        if (frame->objects[o] == object)
+            return o;
+    return NONE;
+}
+
+static void call(struct flow *flow, uint32_t f, const struct inst *inst)
+{
+    struct module *module = flow->module;
+    struct analysis *analysis = flow->analysis;
+    uint32_t callee = module->function_of[inst_word(module, inst, 3)];
+    if (callee == NONE || !analysis->touches[callee])
+        return;
+    struct frame *frame = &flow->frames[f], *to = &flow->frames[callee];
+    bool changed = !to->reached;
+    for (uint32_t o = 0; o < to->object_count; o++) {
+        const struct root *root = &analysis->roots[analysis->objects[to->objects[o]].root];
+        struct cell cell = unknown_cell;
+        uint32_t mine = NONE;
+        if (root->function == NONE) {
+            if (!analysis->names[(size_t)callee * analysis->root_count + analysis->objects[to->objects[o]].root])
+                continue;
+            mine = slot_in(frame, to->objects[o]);
+        } else if (root->parameter != NONE) {
+            uint32_t argument = pointer_object(analysis, inst_word(module, inst, 4 + root->parameter));
+            mine = argument == NONE ? NONE : slot_in(frame, argument);
+        } else {
+            continue;
+        }
+        if (mine != NONE && !root->aliased)
+            cell = flow->cells[mine];
+        /* Results of this function mean nothing in that one. */
+        cell.proceed = cell.candidate_type = cell.committed_type = 0;
+        changed |= cell_join(&to->entry[o], &cell, !to->reached);
+        if (mine == NONE)
+            continue;
+        struct cell *back = &flow->cells[mine];
+        bool strong = analysis->objects[frame->objects[mine]].strong;
+        back->proceed = back->candidate_type = back->committed_type = 0;
+        back->flags_known = back->flags_known && to->returns && to->exit[o].flags_known && to->exit[o].flags == back->flags;
+        uint32_t after = to->returns ? to->exit[o].states : 0;
+        back->states = root->aliased ? STATES_ALL : strong ? after : back->states | after;
+    }
+    if (changed) {
+        to->reached = true;
+        to->waiting = true;
+    }
+}
+
+static void leave(struct flow *flow, uint32_t f)
+{
+    struct frame *frame = &flow->frames[f];
+    bool changed = !frame->returns;
+    for (uint32_t o = 0; o < frame->object_count; o++) {
+        struct cell cell = flow->cells[o];
+        cell.proceed = cell.candidate_type = cell.committed_type = 0;
+        changed |= cell_join(&frame->exit[o], &cell, !frame->returns);
+    }
+    frame->returns = true;
+    if (!changed)
+        return;
+    for (uint32_t g = 0; g < flow->module->function_count; g++)
+        if (flow->frames[g].reached) {
+            flow->frames[g].waiting = true;
+            /* Its calls of this function have to be walked again. */
+            const struct function *caller = &flow->module->functions[g];
+            for (uint32_t b = 0; b < caller->block_count; b++) {
+                const struct block *block = &flow->module->blocks[caller->first_block + b];
+                for (uint32_t i = block->first; i <= block->last && !flow->frames[g].dirty[b]; i++)
+                    flow->frames[g].dirty[b] = flow->module->insts[i].opcode == SpvOpFunctionCall &&
+                                               flow->module->function_of[inst_word(flow->module, &flow->module->insts[i], 3)] == f;
+            }
+        }
+}
+
+static void go(struct flow *flow, uint32_t f, uint32_t to, const struct cell *cells)
+{
+    struct frame *frame = &flow->frames[f];
+    uint32_t b = to - flow->module->functions[f].first_block;
+    struct cell *in = frame->in + (size_t)b * frame->object_count;
+    uint32_t *values = frame->values + (size_t)b * frame->variable_count;
+    bool first = !frame->visited[b], changed = first;
+    for (uint32_t o = 0; o < frame->object_count; o++)
+        changed |= cell_join(&in[o], &cells[o], first);
+    for (uint32_t v = 0; v < frame->variable_count; v++) {
+        uint32_t value = first || values[v] == flow->values[v] ? flow->values[v] : 0;
+        changed |= value != values[v];
+        values[v] = value;
+    }
+    frame->visited[b] = true;
+    frame->dirty[b] |= changed;
+}
+
+/* The successors of a block, each with what its branch says. */
+static void branch(struct flow *flow, uint32_t f, const struct block *block)
+{
+    struct module *module = flow->module;
+    const struct inst *last = &module->insts[block->last];
+    uint32_t count = flow->frames[f].object_count, cursor = 0, to;
+    while (next_successor(module, block, &cursor, &to)) {
+        memcpy(flow->edge_cells, flow->cells, count * sizeof *flow->cells);
+        if (last->opcode == SpvOpBranchConditional) {
+            uint32_t condition = opcode_of(module, inst_word(module, last, 1));
+            if ((condition == SpvOpConstantTrue && cursor == 3) || (condition == SpvOpConstantFalse && cursor == 2))
+                continue;
+            if (inst_word(module, last, 2) != inst_word(module, last, 3))
+                refine(flow, flow->edge_cells, count, inst_word(module, last, 1), cursor == 2, 0);
+        } else if (last->opcode == SpvOpSwitch) {
+            /* Literals of one word only: a wider selector is no type of an intersection. */
+            uint32_t selector = value_behind(flow, inst_word(module, last, 1)), uses = 0;
+            const struct inst *made = definition_of(module, selector);
+            for (uint32_t w = 2; w < last->count; w++)
+                uses += inst_word_is_id(module, last, w) && inst_word(module, last, w) == inst_word(module, last, cursor);
+            if (made && made->opcode == SpvOpRayQueryGetIntersectionTypeKHR && cursor == 2 && uses == 1) {
+                for (uint32_t w = 3; w + 1 < last->count; w += 2)
+                    refine_type(flow->edge_cells, count, selector, inst_word(module, last, w), false);
+            } else if (made && made->opcode == SpvOpRayQueryGetIntersectionTypeKHR && uses == 1) {
+                refine_type(flow->edge_cells, count, selector, inst_word(module, last, cursor - 1), true);
+            }
+        }
+        go(flow, f, to, flow->edge_cells);
+    }
+}
+
+static void walk(struct flow *flow, uint32_t f, uint32_t b)
+{
+    struct module *module = flow->module;
+    struct frame *frame = &flow->frames[f];
+    const struct block *block = &module->blocks[module->functions[f].first_block + b];
+    memcpy(flow->cells, frame->in + (size_t)b * frame->object_count, frame->object_count * sizeof *flow->cells);
+    memcpy(flow->values, frame->values + (size_t)b * frame->variable_count, frame->variable_count * sizeof *flow->values);
+    for (uint32_t i = block->first; i <= block->last; i++) {
+        const struct inst *inst = &module->insts[i];
+        uint32_t site = flow->analysis->site_of[i];
+        if (site != NONE) {
+            operate(flow, frame, &flow->analysis->sites[site]);
+        } else if (inst->opcode == SpvOpFunctionCall) {
+            call(flow, f, inst);
+        } else if (inst->opcode == SpvOpLoad) {
+            uint32_t slot = flow->slot_of_variable[inst_word(module, inst, 3)];
+            flow->alias[inst->result] = slot ? flow->values[slot - 1] : 0;
+        } else if (inst->opcode == SpvOpStore) {
+            uint32_t slot = flow->slot_of_variable[inst_word(module, inst, 1)];
+            if (slot)
+                flow->values[slot - 1] = value_behind(flow, inst_word(module, inst, 2));
+        }
+    }
+    if (flow->recording)
+        return;
+    uint32_t last = module->insts[block->last].opcode;
+    if (last == SpvOpReturn || last == SpvOpReturnValue)
+        leave(flow, f);
+    branch(flow, f, block);
+}
+
+static void slots_of(struct flow *flow, uint32_t f)
+{
+    for (uint32_t o = 0; o < flow->frames[f].object_count; o++)
+        flow->slot_of_object[flow->frames[f].objects[o]] = o + 1;
+}
+
+static void process(struct flow *flow, uint32_t f)
+{
+    struct frame *frame = &flow->frames[f];
+    struct module *module = flow->module;
+    const struct function *function = &module->functions[f];
+    if (function->block_count == 0)
+        return;
+    slots_of(flow, f);
+    memset(flow->values, 0, frame->variable_count * sizeof *flow->values);
+    for (uint32_t o = 0; o < frame->object_count; o++) {
+        const struct root *root = &flow->analysis->roots[flow->analysis->objects[frame->objects[o]].root];
+        if (root->function == f && root->parameter == NONE)
+            frame->entry[o] = (struct cell){.states = STATE_UNINITIALIZED};
+        if (root->aliased)
+            frame->entry[o] = unknown_cell;
+    }
+    go(flow, f, function->first_block, frame->entry);
+    for (bool again = true; again;) {
+        again = false;
+        for (uint32_t b = 0; b < function->block_count; b++) {
+            if (!frame->dirty[b])
+                continue;
+            frame->dirty[b] = false;
+            if (frame->visited[b]) {
+                again = true;
+                walk(flow, f, b);
+            }
+        }
+    }
+}
+
+/* Entry points start with every query uninitialized; what nothing in the module calls may be called in any state. */
+static void start(struct flow *flow)
+{
+    struct module *module = flow->module;
+    for (uint32_t f = 0; f < module->function_count; f++) {
+        struct frame *frame = &flow->frames[f];
+        bool called = false, entry = false;
+        for (uint32_t i = 0; i < module->inst_count; i++) {
+            const struct inst *inst = &module->insts[i];
+            called |= inst->opcode == SpvOpFunctionCall && inst_word(module, inst, 3) == module->functions[f].id;
+            entry |= inst->opcode == SpvOpEntryPoint && inst_word(module, inst, 2) == module->functions[f].id;
+        }
+        if (!flow->analysis->touches[f] || (called && !entry))
+            continue;
+        for (uint32_t o = 0; o < frame->object_count; o++) {
+            bool private = flow->analysis->roots[flow->analysis->objects[frame->objects[o]].root].function == NONE;
+            frame->entry[o] = entry && private ? (struct cell){.states = STATE_UNINITIALIZED} : unknown_cell;
+        }
+        frame->reached = frame->waiting = true;
+    }
+}
+
+enum gn_spirv_status flow_run(struct analysis *analysis)
+{
+    struct module *module = analysis->module;
+    struct flow flow = {.analysis = analysis, .module = module};
+    uint32_t cells = 1, variables = 1;
+    if (!affordable(analysis)) {
+        for (uint32_t s = 0; s < analysis->site_count; s++) {
+            analysis->sites[s].states = STATES_ALL;
+            analysis->sites[s].reachable = true;
+        }
+        return GN_SPIRV_UNTOUCHED;
+    }
+    flow.frames = arena_alloc(module->arena, module->function_count + 1u, sizeof *flow.frames);
+    flow.slot_of_object = arena_alloc(module->arena, analysis->object_count + 1u, sizeof *flow.slot_of_object);
+    flow.slot_of_variable = arena_alloc(module->arena, module->bound, sizeof *flow.slot_of_variable);
+    flow.alias = arena_alloc(module->arena, module->bound, sizeof *flow.alias);
+    if (!flow.frames || !flow.slot_of_object || !flow.slot_of_variable || !flow.alias)
+        return GN_SPIRV_OUT_OF_MEMORY;
+    for (uint32_t f = 0; f < module->function_count; f++) {
+        if (!analysis->touches[f])
+            continue;
+        if (!frame_make(&flow, f))
+            return GN_SPIRV_OUT_OF_MEMORY;
+        if (flow.frames[f].object_count > cells)
+            cells = flow.frames[f].object_count;
+        if (flow.frames[f].variable_count > variables)
+            variables = flow.frames[f].variable_count;
+    }
+    flow.cells = arena_alloc(module->arena, cells, sizeof *flow.cells);
+    flow.edge_cells = arena_alloc(module->arena, cells, sizeof *flow.edge_cells);
+    flow.values = arena_alloc(module->arena, variables, sizeof *flow.values);
+    if (!flow.cells || !flow.edge_cells || !flow.values)
+        return GN_SPIRV_OUT_OF_MEMORY;
+    start(&flow);
+    for (bool again = true; again;) {
+        again = false;
+        for (uint32_t f = 0; f < module->function_count; f++) {
+            if (!flow.frames[f].waiting)
+                continue;
+            flow.frames[f].waiting = false;
+            again = true;
+            process(&flow, f);
+        }
+    }
+    flow.recording = true;
+    for (uint32_t f = 0; f < module->function_count; f++) {
+        if (!flow.frames[f].reached)
+            continue;
+        slots_of(&flow, f);
+        for (uint32_t b = 0; b < module->functions[f].block_count; b++)
+            if (flow.frames[f].visited[b])
+                walk(&flow, f, b);
+    }
+    return GN_SPIRV_UNTOUCHED;
+}

@@ -1,0 +1,501 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Rewrites a module: every word of the original stays, in its order, except where a block is split, a phi has to name the
+ * new end of its predecessor, a function takes shadow parameters, or an entry point lists one more variable. */
+#include <stdlib.h>
+#include <string.h>
+
+#include "checks/spirv/instrument.h"
+#include "checks/spirv/writer.h"
+
+struct rewrite {
+    struct writer *writer;
+    struct module *module;
+    struct analysis *analysis;
+    uint32_t *tail;         /* per id of a label: the label of its block's new end */
+    uint32_t *continue_to;  /* per id of a label: the continue target made for a block that was its own, or 0 */
+    struct words phis;      /* of the function being written: where in the output each original phi is, and its block */
+    bool *instrumented;     /* per function: has checks, itself or in what it calls */
+};
+
+/* Shadows */
+
+static bool group_has(const struct analysis *analysis, uint32_t root, bool tmax)
+{
+    const struct root *group = &analysis->roots[analysis->roots[root].group];
+    return tmax ? group->needs_tmax : group->needs_state;
+}
+
+/* The type that mirrors `type` with a scalar for each query. */
+static uint32_t mirror_type(struct writer *writer, uint32_t type, uint32_t scalar)
+{
+    const struct inst *inst = definition_of(writer->module, type);
+    if (!inst || inst->opcode != SpvOpTypeArray)
+        return scalar;
+    uint32_t element = mirror_type(writer, inst_word(writer->module, inst, 2), scalar);
+    return TYPE(writer, SpvOpTypeArray, element, inst_word(writer->module, inst, 3));
+}
+
+static uint32_t mirror_of(struct writer *writer, uint32_t root, bool tmax)
+{
+    return mirror_type(writer, writer->analysis->roots[root].pointee, tmax ? type_float(writer) : type_uint(writer));
+}
+
+static uint32_t mirror_pointer(struct writer *writer, uint32_t root, bool tmax)
+{
+    const struct root *of = &writer->analysis->roots[root];
+    return type_pointer(writer, of->storage, mirror_of(writer, root, tmax));
+}
+
+static void shadows_plan(struct writer *writer)
+{
+    struct analysis *analysis = writer->analysis;
+    for (uint32_t s = 0; s < analysis->site_count; s++) {
+        const struct site *site = &analysis->sites[s];
+        struct root *group = &analysis->roots[analysis->roots[site->root].group];
+        group->needs_state |= site->checked && checks_need_state(site);
+        group->needs_tmax |= (site->checked & RULE_BIT(GENERATE_RANGE)) != 0;
+    }
+    for (uint32_t r = 0; r < analysis->root_count; r++)
+        for (int tmax = 0; tmax < 2; tmax++) {
+            if (!group_has(analysis, r, tmax))
+                continue;
+            uint32_t id = new_id(writer);
+            (tmax ? writer->tmax_of : writer->state_of)[r] = id;
+            if (analysis->roots[r].function != NONE)
+                continue;
+            uint32_t pointer = mirror_pointer(writer, r, tmax);
+            uint32_t null = constant_plain(writer, SpvOpConstantNull, mirror_of(writer, r, tmax));
+            EMIT(&writer->globals, SpvOpVariable, pointer, id, SpvStorageClassPrivate, null);
+            if (writer->module->words[1] >= 0x10400)
+                words_add(&writer->interface, &id, 1);
+        }
+}
+
+/* The shadows of one query, in the order in which they are passed: state, then tmax. */
+static uint32_t shadows_of(const struct writer *writer, uint32_t root, uint32_t out[2])
+{
+    uint32_t count = 0;
+    if (writer->state_of[root])
+        out[count++] = writer->state_of[root];
+    if (writer->tmax_of[root])
+        out[count++] = writer->tmax_of[root];
+    return count;
+}
+
+static void shadow_variables(struct writer *writer, uint32_t function)
+{
+    for (uint32_t r = 0; r < writer->analysis->root_count; r++) {
+        const struct root *root = &writer->analysis->roots[r];
+        for (int tmax = 0; tmax < 2; tmax++) {
+            uint32_t id = (tmax ? writer->tmax_of : writer->state_of)[r];
+            if (!id || root->function != function || root->parameter != NONE)
+                continue;
+            uint32_t null = constant_plain(writer, SpvOpConstantNull, mirror_of(writer, r, tmax));
+            uint32_t pointer = mirror_pointer(writer, r, tmax);
+            EMIT(&writer->out, SpvOpVariable, pointer, id, SpvStorageClassFunction, null);
+        }
+    }
+}
+
+static void shadow_parameters(struct writer *writer, const struct function *function)
+{
+    for (uint32_t p = 0; p < function->parameter_count; p++) {
+        uint32_t r = writer->analysis->root_of[writer->module->insts[function->first_parameter + p].result];
+        for (int tmax = 0; r != NONE && tmax < 2; tmax++) {
+            uint32_t id = (tmax ? writer->tmax_of : writer->state_of)[r];
+            if (id)
+                EMIT(&writer->out, SpvOpFunctionParameter, mirror_pointer(writer, r, tmax), id);
+        }
+    }
+}
+
+/* The function's type with its shadow parameters; the original's id where it has none. */
+static uint32_t shadow_function_type(struct writer *writer, const struct function *function)
+{
+    struct module *module = writer->module;
+    uint32_t original = inst_word(module, &module->insts[function->first], 4);
+    const struct inst *type = definition_of(module, original);
+    uint32_t operands[MAX_TYPE_OPERANDS], count = 0, added = 0;
+    for (uint32_t w = 2; type && w < type->count && count < MAX_TYPE_OPERANDS; w++)
+        operands[count++] = inst_word(module, type, w);
+    for (uint32_t p = 0; p < function->parameter_count; p++) {
+        uint32_t r = writer->analysis->root_of[module->insts[function->first_parameter + p].result];
+        for (int tmax = 0; r != NONE && tmax < 2; tmax++) {
+            if (!(tmax ? writer->tmax_of : writer->state_of)[r])
+                continue;
+            uint32_t pointer = mirror_pointer(writer, r, tmax);
+            if (count == MAX_TYPE_OPERANDS) {
+                writer->out.failed = true;
+                return original;
+            }
+            operands[count++] = pointer;
+            added++;
+        }
+    }
+    return added ? type_make(writer, SpvOpTypeFunction, operands, count) : original;
+}
+
+/* Copying */
+
+static void copy(struct writer *writer, const struct inst *inst)
+{
+    words_add(&writer->out, inst_words(writer->module, inst), inst->count);
+}
+
+/* A copy with more words at its end. */
+static void copy_longer(struct writer *writer, const struct inst *inst, const uint32_t *more, uint32_t count)
+{
+    uint32_t head = ((uint32_t)inst->count + count) << 16 | inst->opcode;
+    if (inst->count + count > 0xFFFF) {
+        writer->out.failed = true;
+        return;
+    }
+    words_add(&writer->out, &head, 1);
+    words_add(&writer->out, inst_words(writer->module, inst) + 1, inst->count - 1u);
+    words_add(&writer->out, more, count);
+}
+
+static void write_call(struct writer *writer, const struct inst *inst)
+{
+    uint32_t more[2 * 256], count = 0;
+    for (uint32_t a = 4; a < inst->count; a++) {
+        uint32_t root = pointer_root(writer->analysis, inst_word(writer->module, inst, a), NULL, NULL);
+        if (root == NONE)
+            continue;
+        if (count + 2 > sizeof more / sizeof more[0]) {
+            writer->out.failed = true;
+            return;
+        }
+        count += shadows_of(writer, root, more + count);
+    }
+    copy_longer(writer, inst, more, count);
+}
+
+static void follow_lines(struct writer *writer, const struct inst *inst)
+{
+    uint32_t number;
+    if (inst->opcode == SpvOpLine)
+        writer->line = inst;
+    else if (inst->opcode == SpvOpNoLine)
+        writer->line = NULL;
+    else if (is_debug(writer->module, inst, &number)) {
+        if (number == DEBUG_SCOPE)
+            writer->scope = inst;
+        else if (number == DEBUG_NO_SCOPE)
+            writer->scope = NULL;
+        else if (number == DEBUG_LINE)
+            writer->debug_line = inst;
+        else if (number == DEBUG_NO_LINE)
+            writer->debug_line = NULL;
+    }
+}
+
+static bool has_checks(const struct rewrite *rewrite, const struct block *block)
+{
+    for (uint32_t i = block->first; i <= block->last; i++)
+        if (rewrite->analysis->site_of[i] != NONE && rewrite->analysis->sites[rewrite->analysis->site_of[i]].checked)
+            return true;
+    return false;
+}
+
+/*
+ * A loop header may hold no selection before its merge instruction, so its phis stay with the merge instruction and the rest
+ * moves to a block of its own. There, a conditional branch is a structured one only if it leaves the loop or
+ * continues it.
+ */
+static bool header_can_split(const struct module *module, const struct block *block)
+{
+    const struct inst *merge = &module->insts[block->merge], *last = &module->insts[block->last];
+    if (last->opcode == SpvOpBranch)
+        return true;
+    if (last->opcode != SpvOpBranchConditional)
+        return false;
+    for (uint32_t w = 2; w <= 3; w++) {
+        uint32_t to = inst_word(module, last, w);
+        if (to == inst_word(module, merge, 1) || to == inst_word(module, merge, 2))
+            return true;
+    }
+    return inst_word(module, last, 2) == inst_word(module, last, 3);
+}
+
+static void write_block(struct rewrite *rewrite, const struct block *block)
+{
+    struct writer *writer = rewrite->writer;
+    struct module *module = rewrite->module;
+    const struct inst *merge = block->merge == NONE ? NULL : &module->insts[block->merge];
+    bool split_header = merge && merge->opcode == SpvOpLoopMerge && has_checks(rewrite, block);
+    bool own_continue = split_header && inst_word(module, merge, 2) == block->id;
+    uint32_t continue_label = own_continue ? new_id(writer) : 0, split_at = block->first + 1;
+    for (uint32_t i = block->first; i <= block->last; i++)
+        if (module->insts[i].opcode == SpvOpPhi)
+            split_at = i + 1;
+
+    writer->line = writer->scope = writer->debug_line = NULL;
+    label_begin(writer, block->id);
+    if (block == &module->blocks[module->functions[block->function].first_block])
+        shadow_variables(writer, block->function);
+    for (uint32_t i = block->first + 1; i <= block->last; i++) {
+        const struct inst *inst = &module->insts[i];
+        uint32_t index = rewrite->analysis->site_of[i];
+        if (split_header && i == split_at) {
+            uint32_t rest = new_id(writer);
+            size_t at = writer->out.count;
+            copy(writer, merge);
+            if (own_continue && !writer->out.failed)
+                writer->out.data[at + 2] = continue_label;
+            EMIT(&writer->out, SpvOpBranch, rest);
+            label_begin(writer, rest);
+            lines_restate(writer);
+        }
+        if (split_header && i == block->merge)
+            continue;
+        follow_lines(writer, inst);
+        if (index != NONE) {
+            const struct site *site = &rewrite->analysis->sites[index];
+            if (site->checked) {
+                checks_write(writer, site);
+                lines_restate(writer);
+            }
+            copy(writer, inst);
+            shadow_update(writer, site);
+        } else if (inst->opcode == SpvOpFunctionCall) {
+            write_call(writer, inst);
+        } else {
+            size_t at = writer->out.count;
+            if (inst->opcode == SpvOpPhi)
+                words_add(&rewrite->phis, (const uint32_t[]){(uint32_t)at, block->id}, 2);
+            copy(writer, inst);
+            for (uint32_t w = 1; own_continue && i == block->last && !writer->out.failed && w < inst->count; w++)
+                if (inst_word_is_id(module, inst, w) && inst_word(module, inst, w) == block->id)
+                    writer->out.data[at + w] = continue_label;
+        }
+    }
+    rewrite->tail[block->id] = writer->label;
+    if (own_continue) {
+        rewrite->continue_to[block->id] = continue_label;
+        EMIT(&writer->out, SpvOpLabel, continue_label);
+        EMIT(&writer->out, SpvOpBranch, block->id);
+    }
+}
+
+/* A phi names the last part of each block that it is reached from. */
+static void fix_phis(struct rewrite *rewrite)
+{
+    struct words *out = &rewrite->writer->out;
+    for (size_t i = 0; !out->failed && !rewrite->phis.failed && i < rewrite->phis.count; i += 2) {
+        uint32_t *phi = out->data + rewrite->phis.data[i], block = rewrite->phis.data[i + 1];
+        for (uint32_t w = 4; w < phi[0] >> 16; w += 2) {
+            uint32_t to = phi[w] == block && rewrite->continue_to[block] ? rewrite->continue_to[block] : rewrite->tail[phi[w]];
+            if (to)
+                phi[w] = to;
+        }
+    }
+    rewrite->phis.count = 0;
+}
+
+static void write_function(struct rewrite *rewrite, const struct function *function)
+{
+    struct writer *writer = rewrite->writer;
+    struct module *module = rewrite->module;
+    uint32_t parameters = 0;
+    for (uint32_t i = function->first; i <= function->last; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode == SpvOpLabel) {
+            const struct block *block = &module->blocks[module->block_of[inst->result]];
+            write_block(rewrite, block);
+            i = block->last;
+        } else if (inst->opcode == SpvOpFunction) {
+            size_t at = writer->out.count;
+            uint32_t type = shadow_function_type(writer, function);
+            copy(writer, inst);
+            if (!writer->out.failed)
+                writer->out.data[at + 4] = type;
+        } else {
+            copy(writer, inst);
+            if (inst->opcode == SpvOpFunctionParameter && ++parameters == function->parameter_count)
+                shadow_parameters(writer, function);
+        }
+    }
+    fix_phis(rewrite);
+}
+
+/* Everything before the functions */
+
+static bool find_instrumented(struct rewrite *rewrite)
+{
+    struct module *module = rewrite->module;
+    rewrite->instrumented = arena_alloc(module->arena, module->function_count + 1u, sizeof *rewrite->instrumented);
+    if (!rewrite->instrumented)
+        return false;
+    for (uint32_t s = 0; s < rewrite->analysis->site_count; s++)
+        if (rewrite->analysis->sites[s].checked)
+            rewrite->instrumented[module->blocks[rewrite->analysis->sites[s].block].function] = true;
+    for (bool again = true; again;) {
+        again = false;
+        for (uint32_t b = 0; b < module->block_count; b++) {
+            const struct block *block = &module->blocks[b];
+            for (uint32_t i = block->first; i <= block->last && !rewrite->instrumented[block->function]; i++) {
+                const struct inst *inst = &module->insts[i];
+                if (inst->opcode == SpvOpFunctionCall && rewrite->instrumented[module->function_of[inst_word(module, inst, 3)]])
+                    again = rewrite->instrumented[block->function] = true;
+            }
+        }
+    }
+    return true;
+}
+
+/* Where the list of interface variables starts: after the name. */
+static void write_entry_point(struct rewrite *rewrite, const struct inst *inst)
+{
+    struct writer *writer = rewrite->writer;
+    uint32_t function = rewrite->module->function_of[inst_word(rewrite->module, inst, 2)];
+    uint32_t more[256], count = 0;
+    if (function == NONE || !rewrite->instrumented[function]) {
+        copy(writer, inst);
+        return;
+    }
+    for (size_t v = 0; v < writer->interface.count; v++) {
+        bool listed = false;
+        for (uint32_t w = 3; w < inst->count; w++)
+            listed |= inst_word_is_id(rewrite->module, inst, w) && inst_word(rewrite->module, inst, w) == writer->interface.data[v];
+        if (listed)
+            continue;
+        if (count == sizeof more / sizeof more[0]) {
+            writer->out.failed = true;
+            return;
+        }
+        more[count++] = writer->interface.data[v];
+    }
+    copy_longer(writer, inst, more, count);
+}
+
+static bool is_before_types(uint32_t opcode)
+{
+    switch (opcode) {
+    case SpvOpCapability:
+    case SpvOpExtension:
+    case SpvOpExtInstImport:
+    case SpvOpMemoryModel:
+    case SpvOpEntryPoint:
+    case SpvOpExecutionMode:
+    case SpvOpExecutionModeId:
+    case SpvOpString:
+    case SpvOpSource:
+    case SpvOpSourceContinued:
+    case SpvOpSourceExtension:
+    case SpvOpName:
+    case SpvOpMemberName:
+    case SpvOpModuleProcessed:
+    case SpvOpDecorate:
+    case SpvOpMemberDecorate:
+    case SpvOpDecorationGroup:
+    case SpvOpGroupDecorate:
+    case SpvOpGroupMemberDecorate:
+    case SpvOpDecorateId:
+    case SpvOpDecorateString:
+    case SpvOpMemberDecorateString: return true;
+    default: return false;
+    }
+}
+
+/* Storage buffers are an extension before SPIR-V 1.3. */
+static void write_extension(struct writer *writer)
+{
+    static const char name[] = "SPV_KHR_storage_buffer_storage_class";
+    uint32_t words[sizeof name / 4 + 1] = {0};
+    for (uint32_t i = 0; i < writer->module->globals_end; i++)
+        if (writer->module->insts[i].opcode == SpvOpExtension &&
+            strcmp(inst_text(writer->module, &writer->module->insts[i], 1), name) == 0)
+            return;
+    memcpy(words, name, sizeof name);
+    words_instruction(&writer->out, SpvOpExtension, words, sizeof name / 4 + 1);
+}
+
+/* Functions are written first, into a buffer of their own, as they ask for types that have to come before them. */
+static void assemble(struct rewrite *rewrite, struct words *functions)
+{
+    struct writer *writer = rewrite->writer;
+    struct module *module = rewrite->module;
+    bool extended = module->words[1] >= 0x10300, decorated = false;
+    words_add(&writer->out, module->words, 5);
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (!extended && inst->opcode != SpvOpCapability && inst->opcode != SpvOpExtension) {
+            extended = true;
+            write_extension(writer);
+        }
+        if (!decorated && !is_before_types(inst->opcode)) {
+            decorated = true;
+            words_add(&writer->out, writer->decorations.data, writer->decorations.count);
+        }
+        if (inst->opcode == SpvOpEntryPoint)
+            write_entry_point(rewrite, inst);
+        else
+            copy(writer, inst);
+    }
+    words_add(&writer->out, writer->globals.data, writer->globals.count);
+    words_add(&writer->out, functions->data, functions->count);
+    if (!writer->out.failed)
+        writer->out.data[3] = writer->next_id;
+}
+
+enum gn_spirv_status rewrite_module(struct analysis *analysis, struct gn_spirv_result *out)
+{
+    struct module *module = analysis->module;
+    struct writer writer = {.analysis = analysis, .module = module, .next_id = module->bound};
+    struct rewrite rewrite = {.writer = &writer, .module = module, .analysis = analysis};
+    struct words functions = {NULL, 0, 0, false};
+    enum gn_spirv_status status = GN_SPIRV_OUT_OF_MEMORY;
+    for (uint32_t b = 0; b < module->block_count; b++) {
+        const struct block *block = &module->blocks[b];
+        if (block->merge != NONE && module->insts[block->merge].opcode == SpvOpLoopMerge && has_checks(&rewrite, block) &&
+            !header_can_split(module, block)) {
+            say(module, "the loop header %%%u branches in a way that cannot be split", block->id);
+            return GN_SPIRV_DECLINED;
+        }
+    }
+    rewrite.tail = arena_alloc(module->arena, module->bound, sizeof *rewrite.tail);
+    rewrite.continue_to = arena_alloc(module->arena, module->bound, sizeof *rewrite.continue_to);
+    writer.state_of = arena_alloc(module->arena, analysis->root_count + 1u, sizeof *writer.state_of);
+    writer.tmax_of = arena_alloc(module->arena, analysis->root_count + 1u, sizeof *writer.tmax_of);
+    if (!rewrite.tail || !rewrite.continue_to || !writer.state_of || !writer.tmax_of || !find_instrumented(&rewrite))
+        goto done;
+    if (!records_prepare(&writer)) {
+        status = GN_SPIRV_DECLINED;
+        goto done;
+    }
+    shadows_plan(&writer);
+    for (uint32_t i = module->globals_end; i < module->inst_count; i++) {
+        uint32_t f = module->insts[i].opcode == SpvOpFunction ? module->function_of[module->insts[i].result] : NONE;
+        if (f == NONE) {
+            copy(&writer, &module->insts[i]); /* lines between functions */
+            continue;
+        }
+        write_function(&rewrite, &module->functions[f]);
+        i = module->functions[f].last;
+    }
+    records_function(&writer);
+    functions = writer.out;
+    writer.out = (struct words){NULL, 0, 0, functions.failed || rewrite.phis.failed};
+    assemble(&rewrite, &functions);
+    if (writer.next_id > 0x3FFFFF) {
+        say(module, "the instrumented module would need more ids than SPIR-V allows");
+        status = GN_SPIRV_DECLINED;
+        goto done;
+    }
+    if (writer.out.failed || writer.globals.failed || writer.decorations.failed || writer.interface.failed)
+        goto done;
+    out->words = writer.out.data;
+    out->word_count = writer.out.count;
+    writer.out.data = NULL;
+    status = GN_SPIRV_INSTRUMENTED;
+done:
+    free(writer.out.data);
+    free(writer.globals.data);
+    free(writer.decorations.data);
+    free(writer.interface.data);
+    free(writer.constants);
+    free(rewrite.phis.data);
+    free(functions.data);
+    return status;
+}

@@ -1,0 +1,254 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The device's side of the record buffer (records.h): its variable, the built-ins that tell invocations apart, and the function
+ * that counts a check and keeps its first records. */
+#include "checks/spirv/records.h"
+#include "checks/spirv/writer.h"
+
+static uint32_t version_of(const struct module *module)
+{
+    return module->words[1];
+}
+
+/* A variable of the module with that built-in decoration, or 0. */
+static uint32_t find_builtin(const struct module *module, uint32_t builtin)
+{
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode == SpvOpDecorate && inst->count == 4 && inst_word(module, inst, 2) == SpvDecorationBuiltIn &&
+            inst_word(module, inst, 3) == builtin && opcode_of(module, inst_word(module, inst, 1)) == SpvOpVariable)
+            return inst_word(module, inst, 1);
+    }
+    return 0;
+}
+
+static uint32_t builtin_make(struct writer *writer, uint32_t builtin, uint32_t type)
+{
+    uint32_t found = find_builtin(writer->module, builtin);
+    if (found)
+        return found;
+    uint32_t pointer = type_pointer(writer, SpvStorageClassInput, type), id = new_id(writer);
+    EMIT(&writer->globals, SpvOpVariable, pointer, id, SpvStorageClassInput);
+    EMIT(&writer->decorations, SpvOpDecorate, id, SpvDecorationBuiltIn, builtin);
+    return id;
+}
+
+static void invocation_prepare(struct writer *writer)
+{
+    const struct module *module = writer->module;
+    bool several = false;
+    writer->invocation_kind = NONE;
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode != SpvOpEntryPoint)
+            continue;
+        several |= writer->invocation_kind != NONE && writer->invocation_kind != inst_word(module, inst, 1);
+        writer->invocation_kind = inst_word(module, inst, 1);
+    }
+    /* The record function is one for all entry points, so it can read a built-in only if all have it. */
+    switch (several ? NONE : writer->invocation_kind) {
+    case SpvExecutionModelGLCompute:
+    case SpvExecutionModelTaskEXT:
+    case SpvExecutionModelMeshEXT:
+    case SpvExecutionModelTaskNV:
+    case SpvExecutionModelMeshNV:
+        writer->invocation[0] = builtin_make(writer, SpvBuiltInGlobalInvocationId, type_uint3(writer));
+        break;
+    case SpvExecutionModelFragment:
+        writer->invocation[0] =
+            builtin_make(writer, SpvBuiltInFragCoord, TYPE(writer, SpvOpTypeVector, type_float(writer), 4));
+        break;
+    case SpvExecutionModelVertex:
+        writer->invocation[0] = builtin_make(writer, SpvBuiltInVertexIndex, type_uint(writer));
+        writer->invocation[1] = builtin_make(writer, SpvBuiltInInstanceIndex, type_uint(writer));
+        break;
+    case SpvExecutionModelRayGenerationKHR:
+    case SpvExecutionModelIntersectionKHR:
+    case SpvExecutionModelAnyHitKHR:
+    case SpvExecutionModelClosestHitKHR:
+    case SpvExecutionModelMissKHR:
+    case SpvExecutionModelCallableKHR:
+        writer->invocation[0] = builtin_make(writer, SpvBuiltInLaunchIdKHR, type_uint3(writer));
+        break;
+    default: break;
+    }
+    for (int i = 0; i < 2; i++)
+        if (writer->invocation[i])
+            words_add(&writer->interface, &writer->invocation[i], 1);
+}
+
+bool records_prepare(struct writer *writer)
+{
+    const struct gn_spirv_options *options = writer->analysis->options;
+    const struct module *module = writer->module;
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode != SpvOpDecorate || inst_word(module, inst, 2) != SpvDecorationBinding ||
+            inst_word(module, inst, 3) != options->binding)
+            continue;
+        for (uint32_t j = 0; j < module->globals_end; j++) {
+            const struct inst *set = &module->insts[j];
+            if (set->opcode == SpvOpDecorate && inst_word(module, set, 1) == inst_word(module, inst, 1) &&
+                inst_word(module, set, 2) == SpvDecorationDescriptorSet && inst_word(module, set, 3) == options->set) {
+                say(module, "the module itself uses set %u, binding %u, which is meant for records", options->set,
+                    options->binding);
+                return false;
+            }
+        }
+    }
+    /* Arrays and structures of its own: those of the module may carry other decorations. */
+    uint32_t array = new_id(writer), structure = new_id(writer);
+    uint32_t uint_ = type_uint(writer);
+    EMIT(&writer->globals, SpvOpTypeRuntimeArray, array, uint_);
+    EMIT(&writer->globals, SpvOpTypeStruct, structure, array);
+    EMIT(&writer->decorations, SpvOpDecorate, array, SpvDecorationArrayStride, 4);
+    EMIT(&writer->decorations, SpvOpDecorate, structure, SpvDecorationBlock);
+    EMIT(&writer->decorations, SpvOpMemberDecorate, structure, 0, SpvDecorationOffset, 0);
+    uint32_t pointer = type_pointer(writer, SpvStorageClassStorageBuffer, structure);
+    writer->buffer = new_id(writer);
+    EMIT(&writer->globals, SpvOpVariable, pointer, writer->buffer, SpvStorageClassStorageBuffer);
+    EMIT(&writer->decorations, SpvOpDecorate, writer->buffer, SpvDecorationDescriptorSet, options->set);
+    EMIT(&writer->decorations, SpvOpDecorate, writer->buffer, SpvDecorationBinding, options->binding);
+    if (version_of(module) >= 0x10400)
+        words_add(&writer->interface, &writer->buffer, 1);
+    invocation_prepare(writer);
+
+    uint32_t parameters[15] = {type_void(writer)};
+    for (int i = 1; i < 14; i++)
+        parameters[i] = uint_;
+    writer->record_type = type_make(writer, SpvOpTypeFunction, parameters, 14);
+    writer->record_function = new_id(writer);
+    return true;
+}
+
+static uint32_t buffer_word(struct writer *writer, uint32_t index)
+{
+    uint32_t pointer = type_pointer(writer, SpvStorageClassStorageBuffer, type_uint(writer));
+    return COMPUTE(writer, SpvOpAccessChain, pointer, writer->buffer, constant_uint(writer, 0), index);
+}
+
+static uint32_t atomic_add(struct writer *writer, uint32_t index, uint32_t value)
+{
+    /* Device scope needs a capability of its own under the Vulkan memory model; QueueFamily orders what one queue runs. */
+    uint32_t scope = SpvScopeDevice;
+    for (uint32_t i = 0; i < writer->module->globals_end; i++) {
+        const struct inst *inst = &writer->module->insts[i];
+        if (inst->opcode == SpvOpMemoryModel && inst_word(writer->module, inst, 2) == SpvMemoryModelVulkan)
+            scope = SpvScopeQueueFamily;
+    }
+    uint32_t word = buffer_word(writer, index);
+    return COMPUTE(writer, SpvOpAtomicIAdd, type_uint(writer), word, constant_uint(writer, scope), constant_uint(writer, 0),
+                   value);
+}
+
+static void invocation_load(struct writer *writer, uint32_t out[3])
+{
+    uint32_t uint_ = type_uint(writer), zero = constant_uint(writer, 0);
+    out[0] = out[1] = out[2] = zero;
+    if (!writer->invocation[0])
+        return;
+    for (int i = 0; i < 2 && writer->invocation[i]; i++) {
+        const struct inst *variable = definition_of(writer->module, writer->invocation[i]);
+        const struct inst *pointer = variable ? definition_of(writer->module, variable->type) : NULL;
+        uint32_t type = pointer ? inst_word(writer->module, pointer, 3) : 0;
+        if (writer->invocation_kind == SpvExecutionModelVertex) {
+            uint32_t value = COMPUTE(writer, SpvOpLoad, type ? type : uint_, writer->invocation[i]);
+            out[i] = type && type != uint_ ? COMPUTE(writer, SpvOpBitcast, uint_, value) : value;
+            continue;
+        }
+        bool fragment = writer->invocation_kind == SpvExecutionModelFragment;
+        uint32_t scalar = fragment ? type_float(writer) : uint_;
+        if (!type)
+            type = fragment ? TYPE(writer, SpvOpTypeVector, scalar, 4) : type_uint3(writer);
+        uint32_t value = COMPUTE(writer, SpvOpLoad, type, writer->invocation[i]);
+        for (uint32_t c = 0; c < 3; c++) {
+            out[c] = COMPUTE(writer, SpvOpCompositeExtract, scalar, value, c);
+            if (fragment)
+                out[c] = COMPUTE(writer, SpvOpBitcast, uint_, out[c]);
+        }
+    }
+}
+
+/* Keeps the operands of one firing. */
+static void record_write(struct writer *writer, uint32_t base, uint32_t state, const uint32_t *operands)
+{
+    uint32_t uint_ = type_uint(writer), values[GN_RECORD_WORDS] = {state};
+    invocation_load(writer, values + GN_RECORD_INVOCATION);
+    for (int i = 0; i < GN_RECORD_OPERANDS; i++)
+        values[GN_RECORD_OPERAND + i] = operands[i];
+    uint32_t sum = constant_uint(writer, 0x9E3779B9u), prime = constant_uint(writer, 0x01000193u);
+    for (int i = 0; i < GN_RECORD_CHECKSUM; i++) {
+        sum = COMPUTE(writer, SpvOpBitwiseXor, uint_, sum, values[i]);
+        sum = COMPUTE(writer, SpvOpIMul, uint_, sum, prime);
+    }
+    values[GN_RECORD_CHECKSUM] = sum;
+    values[GN_RECORD_WRITTEN] = constant_uint(writer, 1);
+    for (uint32_t i = 0; i < GN_RECORD_WORDS; i++) {
+        uint32_t index = COMPUTE(writer, SpvOpIAdd, uint_, base, constant_uint(writer, i));
+        uint32_t word = buffer_word(writer, index);
+        EMIT(&writer->out, SpvOpStore, word, values[i]);
+    }
+}
+
+/*
+ * record(first check, mask of those that fired, state, operands...): for every bit of the mask, counts and, if it is among the first,
+ * keeps the operands. Only ever called where something is wrong, so it is written for size.
+ */
+void records_function(struct writer *writer)
+{
+    uint32_t uint_ = type_uint(writer), bool_ = type_bool(writer);
+    uint32_t zero = constant_uint(writer, 0), one = constant_uint(writer, 1);
+    uint32_t parameters[13];
+    struct words *out = &writer->out;
+    writer->line = writer->scope = writer->debug_line = NULL;
+    EMIT(out, SpvOpFunction, type_void(writer), writer->record_function, SpvFunctionControlDontInlineMask,
+         writer->record_type);
+    for (int i = 0; i < 13; i++) {
+        parameters[i] = new_id(writer);
+        EMIT(out, SpvOpFunctionParameter, uint_, parameters[i]);
+    }
+    uint32_t start = new_id(writer), header = new_id(writer), body = new_id(writer), next = new_id(writer),
+             done = new_id(writer), check = new_id(writer), mask = new_id(writer), next_check = new_id(writer),
+             next_mask = new_id(writer);
+    label_begin(writer, start);
+    uint32_t room = COMPUTE(writer, SpvOpLoad, uint_, buffer_word(writer, zero));
+    EMIT(out, SpvOpBranch, header);
+    label_begin(writer, header);
+    EMIT(out, SpvOpPhi, uint_, check, parameters[0], start, next_check, next);
+    EMIT(out, SpvOpPhi, uint_, mask, parameters[1], start, next_mask, next);
+    uint32_t more = COMPUTE(writer, SpvOpINotEqual, bool_, mask, zero);
+    EMIT(out, SpvOpLoopMerge, done, next, 0);
+    EMIT(out, SpvOpBranchConditional, more, body, done);
+    label_begin(writer, body);
+
+    struct branch fired, fits, lost, kept, carried;
+    uint32_t bit = COMPUTE(writer, SpvOpBitwiseAnd, uint_, mask, one);
+    branch_begin(writer, COMPUTE(writer, SpvOpINotEqual, bool_, bit, zero), &fired);
+    uint32_t has_room = COMPUTE(writer, SpvOpULessThan, bool_, check, room);
+    branch_begin(writer, has_room, &fits);
+    uint32_t slot = COMPUTE(writer, SpvOpIMul, uint_, check, constant_uint(writer, GN_RECORDS_CHECK));
+    slot = COMPUTE(writer, SpvOpIAdd, uint_, slot, constant_uint(writer, GN_RECORDS_HEADER));
+    uint32_t before = atomic_add(writer, slot, one);
+    branch_begin(writer, COMPUTE(writer, SpvOpULessThan, bool_, before, constant_uint(writer, GN_RECORDS_KEPT)), &kept);
+    uint32_t base = COMPUTE(writer, SpvOpIMul, uint_, before, constant_uint(writer, GN_RECORD_WORDS));
+    base = COMPUTE(writer, SpvOpIAdd, uint_, base, slot);
+    base = COMPUTE(writer, SpvOpIAdd, uint_, base, constant_uint(writer, 2));
+    record_write(writer, base, parameters[2], parameters + 3);
+    branch_end(writer, &kept);
+    branch_begin(writer, COMPUTE(writer, SpvOpIEqual, bool_, before, constant_uint(writer, UINT32_MAX)), &carried);
+    atomic_add(writer, COMPUTE(writer, SpvOpIAdd, uint_, slot, one), one);
+    branch_end(writer, &carried);
+    branch_end(writer, &fits);
+    branch_begin(writer, COMPUTE(writer, SpvOpLogicalNot, bool_, has_room), &lost);
+    atomic_add(writer, one, one);
+    branch_end(writer, &lost);
+    branch_end(writer, &fired);
+
+    EMIT(out, SpvOpBranch, next);
+    label_begin(writer, next);
+    EMIT(out, SpvOpIAdd, uint_, next_check, check, one);
+    EMIT(out, SpvOpShiftRightLogical, uint_, next_mask, mask, one);
+    EMIT(out, SpvOpBranch, header);
+    label_begin(writer, done);
+    EMIT_BARE(out, SpvOpReturn);
+    EMIT_BARE(out, SpvOpFunctionEnd);
+}

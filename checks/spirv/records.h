@@ -1,0 +1,63 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The buffer that instrumented shaders write to: a storage buffer of 32-bit words, the same layout on the device and on
+ * the host.
+ *
+ *   header   GN_RECORDS_HEADER words: the number of checks that there is room for (written by the host before use;
+ *            the device writes nothing beyond it), then reports that found no room, then zeros
+ *   checks   per check GN_RECORDS_CHECK words: how often it fired (low word, high word), then the first
+ *            GN_RECORDS_KEPT records of it
+ *   record   GN_RECORD_WORDS words, see enum gn_record_word; all zero until written
+ */
+#ifndef GN_CHECKS_SPIRV_RECORDS_H
+#define GN_CHECKS_SPIRV_RECORDS_H
+
+#include <stdbool.h>
+#include <stddef.h>
+#include <stdint.h>
+
+#ifdef __cplusplus
+extern "C" {
+#endif
+
+#define GN_RECORDS_HEADER 4
+#define GN_RECORDS_KEPT 2
+#define GN_RECORD_OPERANDS 10
+#define GN_RECORD_WORDS 16
+#define GN_RECORDS_CHECK (2 + GN_RECORDS_KEPT * GN_RECORD_WORDS)
+
+enum gn_record_word {
+    GN_RECORD_STATE,        /* GN_RECORD_STATE_* */
+    GN_RECORD_INVOCATION,   /* three words: global invocation, launch id, bits of the fragment's coordinates, or vertex and
+                               instance index; zeros where the stage has none */
+    GN_RECORD_OPERAND = 4,  /* Initialize: flags, mask, origin, tmin, direction, tmax. Generate: t, tmin, current t */
+    GN_RECORD_CHECKSUM = 14,/* of the words before it, see gn_record_checksum() */
+    GN_RECORD_WRITTEN = 15, /* 1, written last */
+};
+
+/* What the shadow state of a query says before the operation. 0 where the check needs no state. */
+#define GN_RECORD_STATE_INITIALIZED 1u
+#define GN_RECORD_STATE_CANDIDATE 2u
+#define GN_RECORD_STATE_FINISHED 4u
+
+/* One check as the buffer has it. A record that is not intact was still being written, or its memory was lost. */
+struct gn_records_check {
+    uint64_t count;
+    uint32_t record_count;
+    struct {
+        bool intact;
+        uint32_t state, invocation[3], operands[GN_RECORD_OPERANDS];
+    } records[GN_RECORDS_KEPT];
+};
+
+/* Words that a buffer for `check_count` checks has; 0 if that overflows 32 bits. */
+uint32_t gn_records_word_count(uint32_t check_count);
+/* Makes a buffer of that many words ready for use. */
+void gn_records_reset(uint32_t *words, uint32_t check_count);
+/* Reads one check; false when the buffer has no room for it. */
+bool gn_records_read(const uint32_t *words, size_t word_count, uint32_t check, struct gn_records_check *out);
+uint32_t gn_record_checksum(const uint32_t record[GN_RECORD_WORDS]);
+
+#ifdef __cplusplus
+}
+#endif
+#endif

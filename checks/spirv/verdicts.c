@@ -1,0 +1,116 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Turns the states in which an operation may be reached into a verdict per rule: proved right, wrong whenever reached, or
+ * to be checked on the device. */
+#include "checks/spirv/analysis.h"
+
+/* A rule of the protocol and the states that break it. */
+struct breach {
+    uint32_t rule, states;
+};
+
+static uint32_t breaches_of(const struct site *site, struct breach out[4])
+{
+    uint32_t count = 0;
+    enum operation_kind kind = site->operation->kind;
+    enum operation_needs needs = site->operation->needs;
+    if (kind == OPERATION_INITIALIZE)
+        return 0;
+    out[count++] = (struct breach){GN_SPIRV_RULE_UNINITIALIZED, STATE_UNINITIALIZED};
+    switch (kind) {
+    case OPERATION_PROCEED: out[count++] = (struct breach){GN_SPIRV_RULE_PROCEED_AFTER_FALSE, STATES_FINISHED}; break;
+    case OPERATION_TERMINATE: out[count++] = (struct breach){GN_SPIRV_RULE_TERMINATE_AFTER_FALSE, STATES_FINISHED}; break;
+    case OPERATION_CONFIRM:
+        out[count++] = (struct breach){GN_SPIRV_RULE_CONFIRM_NO_CANDIDATE, STATES_NO_CANDIDATE};
+        out[count++] = (struct breach){GN_SPIRV_RULE_CONFIRM_NOT_TRIANGLE, STATES_AT_AABB};
+        break;
+    case OPERATION_GENERATE:
+        out[count++] = (struct breach){GN_SPIRV_RULE_GENERATE_NO_CANDIDATE, STATES_NO_CANDIDATE};
+        out[count++] = (struct breach){GN_SPIRV_RULE_GENERATE_NOT_AABB, STATES_AT_TRIANGLE};
+        break;
+    case OPERATION_GET_AABB_OPAQUE:
+        out[count++] = (struct breach){GN_SPIRV_RULE_CANDIDATE_NONE, STATES_NO_CANDIDATE};
+        out[count++] = (struct breach){GN_SPIRV_RULE_CANDIDATE_NOT_AABB, STATES_AT_TRIANGLE};
+        break;
+    case OPERATION_GET_TYPE:
+    case OPERATION_GET:
+        if (!site->committed) {
+            out[count++] = (struct breach){GN_SPIRV_RULE_CANDIDATE_NONE, STATES_NO_CANDIDATE};
+            if (needs != NEEDS_NOTHING)
+                out[count++] = (struct breach){GN_SPIRV_RULE_CANDIDATE_NOT_TRIANGLE, STATES_AT_AABB};
+            break;
+        }
+        if (kind == OPERATION_GET)
+            out[count++] = (struct breach){GN_SPIRV_RULE_COMMITTED_NONE,
+                                           STATE_INITIALIZED | STATES_COMMITTED(COMMITTED_NOTHING)};
+        if (needs == NEEDS_TRIANGLE)
+            out[count++] =
+                (struct breach){GN_SPIRV_RULE_COMMITTED_NOT_TRIANGLE, STATES_COMMITTED(COMMITTED_GENERATED)};
+        break;
+    default: break;
+    }
+    return count;
+}
+
+static void verdict_make(struct analysis *analysis, struct site *site, uint32_t applicable)
+{
+    struct breach breaches[4];
+    uint32_t count = breaches_of(site, breaches), broken = 0;
+    for (uint32_t i = 0; i < count; i++) {
+        breaches[i].rule = 1u << breaches[i].rule;
+        site->judged |= breaches[i].rule;
+        broken |= breaches[i].states;
+    }
+    uint32_t early = STATE_INITIALIZED | STATES_AT_CANDIDATE;
+    bool reads_committed =
+        site->committed && (site->operation->kind == OPERATION_GET || site->operation->kind == OPERATION_GET_TYPE);
+    if (site->operation->kind == OPERATION_INITIALIZE)
+        for (uint32_t rule = GN_SPIRV_RULE_INITIALIZE_NAN; rule <= GN_SPIRV_RULE_INITIALIZE_MASK_BITS; rule++)
+            site->judged |= 1u << rule;
+    if (site->operation->kind == OPERATION_GENERATE)
+        site->judged |= RULE_BIT(GENERATE_RANGE);
+    if (reads_committed)
+        site->judged |= RULE_BIT(COMMITTED_TOO_EARLY);
+    site->judged &= applicable;
+
+    const struct operand_verdict operands = operands_judge(analysis, &analysis->module->insts[site->inst]);
+    bool all_broken = site->states && !(site->states & ~broken);
+    for (uint32_t i = 0; i < count; i++) {
+        if (site->states & breaches[i].states)
+            site->checked |= breaches[i].rule;
+        if (all_broken && (site->states & breaches[i].states))
+            site->wrong |= breaches[i].rule;
+    }
+    if (site->operation->kind == OPERATION_INITIALIZE && site->states) {
+        site->wrong |= operands.wrong;
+        site->checked |= site->judged & ~operands.right;
+    }
+    if (site->operation->kind == OPERATION_GENERATE && (site->states & STATES_AT_AABB)) {
+        site->wrong |= operands.wrong;
+        site->checked |= RULE_BIT(GENERATE_RANGE);
+    }
+    if (reads_committed && (site->states & early)) {
+        site->checked |= RULE_BIT(COMMITTED_TOO_EARLY);
+        if (!(site->states & ~early))
+            site->wrong |= RULE_BIT(COMMITTED_TOO_EARLY);
+    }
+    if (analysis->options->without_proofs)
+        site->checked = site->judged;
+    site->wrong &= site->judged;
+    site->checked = (site->checked | site->wrong) & site->judged;
+}
+
+void verdicts_make(struct analysis *analysis)
+{
+    uint32_t applicable = 0;
+    for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++)
+        if (gn_spirv_rule_at(rule)->severity[analysis->options->profile] != GN_SEVERITY_SILENT)
+            applicable |= 1u << rule;
+    for (uint32_t s = 0; s < analysis->site_count; s++) {
+        struct site *site = &analysis->sites[s];
+        verdict_make(analysis, site, applicable);
+        if (!site->reachable)
+            site->checked = 0;
+        site->first_check = analysis->check_count;
+        analysis->check_count += (uint32_t)__builtin_popcount(site->checked);
+    }
+}

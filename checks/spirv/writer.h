@@ -1,0 +1,100 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Makes SPIR-V: growing words, types and constants that the module may already have, and code with structured branches.
+ * Internal to checks/spirv. */
+#ifndef GN_CHECKS_SPIRV_WRITER_H
+#define GN_CHECKS_SPIRV_WRITER_H
+
+#include "checks/spirv/analysis.h"
+
+/* Once memory has run out, `failed` stays set and nothing more is added. */
+struct words {
+    uint32_t *data;
+    size_t count, capacity;
+    bool failed;
+};
+
+void words_add(struct words *words, const uint32_t *data, size_t count);
+void words_instruction(struct words *words, uint32_t opcode, const uint32_t *operands, size_t count);
+/* EMIT(words, opcode, operand, ...) */
+#define EMIT(words, opcode, ...)                                                                                       \
+    words_instruction(words, opcode, (const uint32_t[]){__VA_ARGS__},                                                   \
+                      sizeof((const uint32_t[]){__VA_ARGS__}) / sizeof(uint32_t))
+#define EMIT_BARE(words, opcode) words_instruction(words, opcode, NULL, 0)
+
+struct constant {
+    uint32_t type, value, id;
+};
+
+/* The types that checks compute with; 0 until asked for. */
+struct writer {
+    struct analysis *analysis;
+    struct module *module;
+    uint32_t next_id;
+    struct words out;         /* the new module */
+    struct words globals;     /* new types, constants and variables */
+    struct words decorations; /* of these */
+    struct words interface;   /* ids of variables that entry points have to list (SPIR-V 1.4) */
+    struct constant *constants;
+    uint32_t constant_count, constant_capacity;
+
+    uint32_t label;           /* of the block being written */
+    const struct inst *line, *scope, *debug_line; /* what has to be said again when a block is split */
+
+    uint32_t record_function, record_type, buffer;
+    uint32_t invocation_kind; /* execution model whose built-in says which invocation it is, or NONE */
+    uint32_t invocation[2];   /* built-in variables */
+    uint32_t *state_of, *tmax_of; /* per root: the shadow variable or parameter, or 0 */
+};
+
+uint32_t new_id(struct writer *writer);
+
+#define MAX_TYPE_OPERANDS 300
+/* The id of a type: the module's own where it has one, as SPIR-V forbids a second. */
+uint32_t type_make(struct writer *writer, uint32_t opcode, const uint32_t *operands, uint32_t count);
+#define TYPE(writer, opcode, ...)                                                                                      \
+    type_make(writer, opcode, (const uint32_t[]){__VA_ARGS__}, sizeof((const uint32_t[]){__VA_ARGS__}) / sizeof(uint32_t))
+uint32_t type_uint(struct writer *writer);
+uint32_t type_float(struct writer *writer);
+uint32_t type_bool(struct writer *writer);
+uint32_t type_void(struct writer *writer);
+uint32_t type_uint3(struct writer *writer);
+uint32_t type_bool3(struct writer *writer);
+uint32_t type_pointer(struct writer *writer, uint32_t storage, uint32_t pointee);
+/* A constant without a value of its own: OpConstantNull, OpConstantFalse. */
+uint32_t constant_plain(struct writer *writer, uint32_t opcode, uint32_t type);
+uint32_t constant_uint(struct writer *writer, uint32_t value);
+uint32_t constant_float(struct writer *writer, float value);
+uint32_t constant_uint3(struct writer *writer, uint32_t value);
+
+/* result = opcode operands..., returning the result's id. */
+uint32_t compute(struct writer *writer, uint32_t opcode, uint32_t type, const uint32_t *operands, size_t count);
+#define COMPUTE(writer, opcode, type, ...)                                                                             \
+    compute(writer, opcode, type, (const uint32_t[]){__VA_ARGS__}, sizeof((const uint32_t[]){__VA_ARGS__}) / sizeof(uint32_t))
+
+/* A structured "if": what is written between begin and end runs where the condition holds. */
+struct branch {
+    uint32_t before, merge, inside;
+};
+void branch_begin(struct writer *writer, uint32_t condition, struct branch *branch);
+void branch_end(struct writer *writer, struct branch *branch);
+/* Right after branch_end: `inside` where the condition held, else `otherwise`. */
+uint32_t branch_phi(struct writer *writer, const struct branch *branch, uint32_t type, uint32_t inside, uint32_t otherwise);
+/* Says again which source line follows. */
+void lines_restate(struct writer *writer);
+void label_begin(struct writer *writer, uint32_t label);
+
+/* The buffer's variable and the built-ins; before any check is written. False when the module cannot have them. */
+bool records_prepare(struct writer *writer);
+/* Writes the function that checks call to leave a record, after the module's last function. */
+void records_function(struct writer *writer);
+
+/* The checks of a site, before its instruction. */
+void checks_write(struct writer *writer, const struct site *site);
+/* Whether the site's checks read what the shadow state says; and what they need of its group. */
+bool checks_need_state(const struct site *site);
+/* What follows the site's instruction to keep the shadow state. */
+void shadow_update(struct writer *writer, const struct site *site);
+/* A pointer to the shadow of the query that `pointer` leads to. */
+uint32_t shadow_pointer(struct writer *writer, uint32_t pointer, bool tmax);
+
+#endif

@@ -1,0 +1,15 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q;
+    START(q, gl_RayFlagsNoneEXT);
+    float x = 0;
+    while (rayQueryProceedEXT(q)) {
+        if (rayQueryGetIntersectionTypeEXT(q, false) == gl_RayQueryCandidateIntersectionAABBEXT)
+            x += rayQueryGetIntersectionBarycentricsEXT(q, false).x;
+    }
+    SHOW(x);
+}

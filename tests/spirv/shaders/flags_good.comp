@@ -1,0 +1,12 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q;
+    /* Opaque triangles and no boxes: there is never a candidate, so one Proceed ends it. */
+    START(q, gl_RayFlagsOpaqueEXT | gl_RayFlagsSkipAABBEXT);
+    rayQueryProceedEXT(q);
+    SHOW(rayQueryGetIntersectionTypeEXT(q, true));
+}

@@ -1,0 +1,9 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q;
+    SHOW(rayQueryProceedEXT(q) ? 1 : 0);
+}

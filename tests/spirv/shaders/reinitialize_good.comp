@@ -1,0 +1,17 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q;
+    float t = 0;
+    for (int i = 0; i < 4; i++) {
+        START(q, gl_RayFlagsOpaqueEXT);
+        while (rayQueryProceedEXT(q)) {
+        }
+        if (rayQueryGetIntersectionTypeEXT(q, true) == TRIANGLE)
+            t += rayQueryGetIntersectionTEXT(q, true);
+    }
+    SHOW(t);
+}

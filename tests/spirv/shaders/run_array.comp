@@ -1,0 +1,19 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q[4];
+    uint count = CHOSEN ? 3u : 4u;
+    for (uint i = 0; i < count; i++)
+        START(q[i], gl_RayFlagsOpaqueEXT);
+    uint n = 0;
+    for (uint i = 0; i < 4; i++) {
+        while (rayQueryProceedEXT(q[i]))
+            n++;
+        if (i < count)
+            n += rayQueryGetIntersectionTypeEXT(q[i], true);
+    }
+    SHOW(n);
+}

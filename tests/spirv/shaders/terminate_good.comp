@@ -1,0 +1,16 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q;
+    START(q, gl_RayFlagsNoOpaqueEXT);
+    bool more = rayQueryProceedEXT(q);
+    if (more) {
+        rayQueryConfirmIntersectionEXT(q);
+        rayQueryTerminateEXT(q);
+        more = rayQueryProceedEXT(q);
+    }
+    SHOW(more ? 1 : 0);
+}
