@@ -1,12 +1,15 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Expectation files: deqp-runner's `name,Status` lines, with the reasons in comments. */
+/*
+ * Expectation files: deqp-runner's `name,Status` lines, with the reasons in comments. deqp-runner has no word for a leak and
+ * calls it Fail, so Fail expects either; Leak is our own word, and expects a leak only.
+ */
 #include "cts/select.h"
 
 #include <ctype.h>
 #include <stdlib.h>
 #include <string.h>
 
-static const char *const words[] = {"Pass", "Fail", "Skip", "Crash", "Timeout"};
+static const char *const words[] = {"Pass", "Fail", "Leak", "Skip", "Crash", "Timeout"};
 
 static char *trim(char *text)
 {
@@ -53,7 +56,7 @@ static bool read_line(struct gn_expectations *expectations, char *line, const ch
             word = words[i];
     if (!word || !*name) {
         snprintf(out_error, error_size,
-                 "%s:%zu: expected a name and one of Pass, Fail, Skip, Crash, Timeout, found '%.200s' and "
+                 "%s:%zu: expected a name and one of Pass, Fail, Leak, Skip, Crash, Timeout, found '%.200s' and "
                  "'%.100s'",
                  path, number, name, status);
         return false;
@@ -119,7 +122,8 @@ void gn_expectations_apply(const struct gn_expectations *expectations, struct gn
     if (!found)
         return;
     bool expects_failure = strcmp(found->status, "Pass") != 0 && strcmp(found->status, "Skip") != 0;
-    if (failed && strcmp(found->status, gn_case_status_deqp(cs->status)) == 0)
+    if (failed && (strcmp(found->status, gn_case_status_deqp(cs->status)) == 0 ||
+                   (cs->status == GN_CASE_LEAK && strcmp(found->status, "Leak") == 0)))
         cs->outcome = GN_OUTCOME_EXPECTED_FAILURE;
     else if (cs->status == GN_CASE_PASS && expects_failure)
         cs->outcome = GN_OUTCOME_UNEXPECTED_PASS;

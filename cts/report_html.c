@@ -160,12 +160,39 @@ static void put_meaning(FILE *file)
     fputs("</div>\n", file);
 }
 
+struct family_median {
+    double value;
+    uint64_t rays;
+};
+
 struct family {
     const char *name;
     uint64_t cases, by_status[GN_CASE_STATUS_COUNT], rays, ideal_hits, classes[GN_REF_VERDICT_CLASS_COUNT];
-    double p999, max, median_sum;
-    uint64_t median_weight;
+    double p999, max;
+    struct family_median *medians; /* of its cases */
+    size_t median_count;
 };
+
+static int family_median_compare(const void *left, const void *right)
+{
+    const struct family_median *a = left, *b = right;
+    return a->value < b->value ? -1 : a->value > b->value;
+}
+
+/* Of the cases' medians, each with the weight of its rays: one case that went wrong does not move it. */
+static double family_median(const struct family *family)
+{
+    uint64_t all = 0, until = 0;
+    if (!family->median_count)
+        return 0;
+    qsort(family->medians, family->median_count, sizeof *family->medians, family_median_compare);
+    for (size_t i = 0; i < family->median_count; i++)
+        all += family->medians[i].rays;
+    size_t at = 0;
+    while ((until += family->medians[at].rays) < (all + 1) / 2)
+        at++;
+    return family->medians[at].value;
+}
 
 static void family_add(struct family *family, const struct gn_results_case *cs)
 {
@@ -175,9 +202,11 @@ static void family_add(struct family *family, const struct gn_results_case *cs)
     family->ideal_hits += cs->ideal_hits;
     for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
         family->classes[c] += cs->class_counts[c];
-    if (cs->hit_error_max > 0) {
-        family->median_sum += cs->hit_error_median * (double)cs->rays;
-        family->median_weight += cs->rays;
+    struct family_median *grown =
+        cs->hit_error_max > 0 ? realloc(family->medians, (family->median_count + 1) * sizeof *grown) : NULL;
+    if (grown) {
+        family->medians = grown;
+        grown[family->median_count++] = (struct family_median){cs->hit_error_median, cs->rays};
     }
     family->p999 = fmax(family->p999, cs->hit_error_p999);
     family->max = fmax(family->max, cs->hit_error_max);
@@ -189,7 +218,7 @@ static void put_family(FILE *file, const struct family *f, uint64_t all_rays, bo
         [GN_CASE_PASS] = "passed",  [GN_CASE_FAIL] = "failed",   [GN_CASE_LEAK] = "leaked",
         [GN_CASE_SKIP] = "skipped", [GN_CASE_CRASH] = "crashed", [GN_CASE_TIMEOUT] = "timed out",
         [GN_CASE_ERROR] = "error"};
-    double median = f->median_weight ? f->median_sum / (double)f->median_weight : 0;
+    double median = family_median(f);
     fprintf(file, "<tr%s><td>", total ? " class=total" : "");
     text(file, f->name);
     fprintf(file, "</td><td class=n>%s</td><td>", grouped(f->cases));
@@ -240,9 +269,11 @@ static void put_families(FILE *file, const struct gn_results *results)
         for (; j < results->count && strcmp(results->cases[j].family, family.name) == 0; j++)
             family_add(&family, &results->cases[j]);
         put_family(file, &family, all.rays, false);
+        free(family.medians);
         i = j;
     }
     put_family(file, &all, all.rays, true);
+    free(all.medians);
     fputs("</tbody></table></div>\n", file);
 }
 

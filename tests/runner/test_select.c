@@ -117,8 +117,8 @@ static void expectation_files(void **state)
         {"# one\nquery.a.b,Fail\n# two\nquery.a.c,Fail\n", NULL, 2, "two"},
         {"query.a.b,Fail # behind\n", NULL, 1, "behind"},
         {"query.a.b\n", ":1: expected `name,Status`", 0, NULL},
-        {"query.a.b,Pass\nquery.a.c,Leak\n", ":2: expected a name and one of", 0,
-         NULL}, /* a leak is written Fail */
+        {"query.a.b,Pass\nquery.a.c,Leak\n", NULL, 2, ""},
+        {"query.a.b,Pass\nquery.a.c,Flake\n", ":2: expected a name and one of", 0, NULL},
         {"query.a.b,fail\n", "found 'query.a.b' and 'fail'", 0, NULL},
         {",Fail\n", ":1: expected a name", 0, NULL},
     };
@@ -166,6 +166,9 @@ static void outcomes(void **state)
         {NULL, GN_CASE_ERROR, GN_OUTCOME_UNEXPECTED},
         {"Fail", GN_CASE_FAIL, GN_OUTCOME_EXPECTED_FAILURE},
         {"Fail", GN_CASE_LEAK, GN_OUTCOME_EXPECTED_FAILURE},
+        {"Leak", GN_CASE_LEAK, GN_OUTCOME_EXPECTED_FAILURE},
+        {"Leak", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED}, /* answers that are wrong are more than a leak */
+        {"Leak", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
         {"Fail", GN_CASE_CRASH, GN_OUTCOME_UNEXPECTED}, /* worse than expected */
         {"Fail", GN_CASE_TIMEOUT, GN_OUTCOME_UNEXPECTED},
         {"Fail", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
