@@ -190,7 +190,7 @@ struct list_params {
     enum aim aim;
     uint32_t flags;
     uint32_t instances; /* 0: one with the identity */
-    uint32_t stride;
+    uint32_t stride, offset;
     bool inactive;
     bool grid; /* boxes on a lattice */
 };
@@ -240,7 +240,8 @@ static void list(struct gn_case_run *run, const struct gn_case *self)
                                        .flags = params->flags,
                                        .aabbs = (const float(*)[6])boxes,
                                        .aabb_count = params->boxes,
-                                       .aabb_stride = params->stride};
+                                       .aabb_stride = params->stride,
+                                       .primitive_offset = params->offset};
     struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1};
     uint32_t instance_count = params->instances ? params->instances : 1;
     struct gn_cts_instance *instances = GN_NEW(arena, struct gn_cts_instance, instance_count);
@@ -302,6 +303,10 @@ static const struct gn_case cases[] = {
     LIST("list_lines", SPEC_CANDIDATE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .flat_axes = 6),
     LIST("list_inactive", SPEC_INACTIVE, .boxes = 200, .min_half = 0.02, .max_half = 0.2, .inactive = true),
     LIST("list_transformed", SPEC_CANDIDATE, .boxes = 60, .min_half = 0.02, .max_half = 0.2, .instances = 8),
+    LIST("list_offset", "the offset counts bytes before the first box (Vulkan: VkAccelerationStructureBuildRangeInfoKHR)",
+         .boxes = 200, .min_half = 0.02, .max_half = 0.2, .offset = 72),
+    LIST("list_offset_stride", "the offset counts bytes before the first box (Vulkan: VkAccelerationStructureBuildRangeInfoKHR)",
+         .boxes = 200, .min_half = 0.02, .max_half = 0.2, .stride = 40, .offset = 1000),
     LIST("no_duplicate_flag", SPEC_DUPLICATE, .boxes = 100, .min_half = 0.01, .max_half = 0.3,
          .flags = GN_REF_GEOMETRY_NO_DUPLICATE),
     LIST("inside", SPEC_INSIDE, .boxes = 64, .min_half = 0.05, .max_half = 0.3, .aim = FROM_INSIDE),

@@ -31,6 +31,7 @@ struct params {
     uint32_t mix;
     uint32_t blases; /* 0: one */
     bool array_of_pointers, separate_builds;
+    uint32_t instance_offset;
     enum gn_cts_program program;
 };
 
@@ -97,6 +98,7 @@ static void geometries(struct gn_case_run *run, const struct gn_case *self)
     struct gn_cts_scene scene = gn_scene_make(blases, blas_count, instances, blas_count);
     scene.array_of_pointers = params->array_of_pointers;
     scene.separate_builds = params->separate_builds;
+    scene.instance_offset = params->instance_offset;
     uint32_t count = gn_ray_count(run, 16384);
     struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2, true, rays, count);
@@ -135,6 +137,9 @@ static const struct gn_case cases[] = {
          "geometries may come as an array of pointers (Vulkan: "
          "VkAccelerationStructureBuildGeometryInfoKHR::ppGeometries)",
          .geometries = 6, .mix = TRANSFORMS | FORMATS, .blases = 3, .array_of_pointers = true),
+    CASE("instance_offset",
+         "the offset counts bytes before the first instance (Vulkan: VkAccelerationStructureBuildRangeInfoKHR)",
+         .geometries = 3, .mix = TRANSFORMS, .blases = 5, .instance_offset = 208),
     CASE("candidates", SPEC_INDEX, .geometries = 8, .mix = SIZES, .blases = 1, .program = GN_CTS_CANDIDATES),
 };
 const struct gn_case_family gn_family_geometries = {"geometries", cases, sizeof cases / sizeof cases[0]};

@@ -15,7 +15,19 @@ struct transforms {
     enum gn_cts_program program;
     uint32_t interior, random; /* rays */
     bool not_opaque;
+    bool varied; /* rays with flags and a tmin of their own */
 };
+
+/* Any flag, alone or with others that go with it; a tmin. What a query says of them has to be what it was given. */
+static void vary(struct gn_random *random, struct gn_cts_ray *ray)
+{
+    static const uint32_t flags[] = {0, GN_REF_RAY_OPAQUE, GN_REF_RAY_CULL_NO_OPAQUE, GN_REF_RAY_SKIP_AABBS,
+                                     GN_REF_RAY_SKIP_CLOSEST_HIT_SHADER, GN_REF_RAY_CULL_BACK_FACING,
+                                     GN_REF_RAY_CULL_FRONT_FACING,
+                                     GN_REF_RAY_OPAQUE | GN_REF_RAY_TERMINATE_ON_FIRST_HIT | GN_REF_RAY_SKIP_AABBS};
+    ray->ray.flags = flags[gn_random_below(random, sizeof flags / sizeof flags[0])];
+    ray->ray.tmin = (float)gn_random_range(random, 0, 0.5);
+}
 
 static void transforms(struct gn_case_run *run, const struct gn_case *self)
 {
@@ -43,6 +55,8 @@ static void transforms(struct gn_case_run *run, const struct gn_case *self)
         uint32_t g = r & 1, i = gn_random_below(&run->random, what->count);
         gn_rays_aimed(&run->random, &meshes[g], geometries[g].transform, list[i].transform,
                       r < interior ? GN_AIM_INTERIOR : GN_AIM_RANDOM, what->distance ? what->distance : 4, g, &rays[r], 1);
+        if (what->varied)
+            vary(&run->random, &rays[r]);
     }
     gn_case_trace(run, &scene, what->program, rays, interior + random, 0);
 }
@@ -128,6 +142,10 @@ static const struct transforms detail_both = {
     .instance = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 5), .count = 10, .interior = 12000,
     .random = 2000, .program = GN_CTS_DETAIL};
 
+static const struct transforms detail_varied = {
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2), .count = 8, .interior = 8000, .program = GN_CTS_DETAIL,
+    .varied = true};
+
 #define INSTANCE "an instance is met where its transform places it (VkAccelerationStructureInstanceKHR; ray traversal)"
 #define GEOMETRY "a geometry's transform is applied when it is built (VkAccelerationStructureGeometryTrianglesDataKHR)"
 #define BOTH "the geometry's transform comes first, then the instance's (acceleration structures; ray traversal)"
@@ -161,6 +179,7 @@ static const struct gn_case cases[] = {
     {"transforms.both.instance_mirrored", FACING, transforms, &instance_mirrored_geometry_not, 0},
     {"transforms.both.scale_undone", BOTH, transforms, &undone, 0},
     {"transforms.detail.rotated", DETAIL, transforms, &detail_rotated, 0},
+    {"transforms.detail.varied", DETAIL, transforms, &detail_varied, 0},
     {"transforms.detail.dyadic", DETAIL, transforms, &detail_dyadic, 0},
     {"transforms.detail.general", DETAIL, transforms, &detail_general, 0},
     {"transforms.detail.mirrored", DETAIL, transforms, &detail_mirrored, 0},
