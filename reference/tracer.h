@@ -18,8 +18,8 @@
  * at the first. A cull mask without a bit of an instance's mask hides that instance; a mask of 0 hides everything.
  *
  * What is not a ray. Origin and direction have to be finite, the direction not zero, 0 <= tmin <= tmax, neither NaN;
- * tmax may be infinite. Anything else is answered by GN_REF_INVALID_RAY, by every tier alike, and traces nothing. -0 is 0;
- * denormal numbers are what they stand for (the Embree tiers may flush them if the caller's thread does). A scene
+ * tmax may be infinite. Anything else is answered by GN_REF_INVALID_RAY, by every tier alike, and traces nothing. -0 is
+ * 0; denormal numbers are what they stand for (the Embree tiers may flush them if the caller's thread does). A scene
  * without primitives, or with inactive ones only, is valid: every valid ray misses.
  *
  * Threads. A tracer is not changed by tracing: any number of threads may use one at once, and any number of tracers
@@ -98,9 +98,10 @@ enum gn_ref_outcome {
  * A hit, with what its numbers may be wrong by: |t - exact| <= t_error and so on, where exact is the value over the
  * real numbers for the primitive that is named. barycentric_error bounds beta and gamma each.
  *
- * CERTIFIED: at most 2^-40 |t| + 2^-1000 for t and t_exit and 2^-40 for barycentrics, by the derivation in filter.c; 0 for
- * numbers that are 0 by definition (the barycentrics of a box). EXACT: 2^-51 of the number.
- * FAST, ROBUST, DOUBLE: infinite, nothing is promised. A t that f64 has no number for is infinite, and so is its error.
+ * CERTIFIED: 2^-40 |t| + 2^-1000 for t and t_exit and 2^-40 for barycentrics, what trace.h promises by the derivations
+ * in filter.c and certified.h; 0 for numbers that are 0 by definition (the barycentrics of a box). EXACT: 2^-51 of the
+ * number (for barycentrics: 2^-51), its quotient of integers being rounded twice towards zero. FAST, ROBUST, DOUBLE:
+ * infinite, nothing is promised. A t that f64 has no number for is infinite, and so is its error.
  *
  * `hit` is all zero when the outcome is not GN_REF_HIT, and so are the errors.
  */
@@ -122,8 +123,8 @@ enum gn_ref_outcome gn_ref_tracer_closest(const struct gn_ref_tracer *tracer, co
 enum gn_ref_outcome gn_ref_tracer_occluded(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray);
 
 /*
- * All hits in order. At most `capacity` are written, the nearest ones; how many there are is returned, or an outcome below
- * 0. out_records may be NULL when capacity is 0.
+ * All hits in order. At most `capacity` are written, the nearest ones; how many there are is returned, or an outcome
+ * below 0. out_records may be NULL when capacity is 0.
  */
 int64_t gn_ref_tracer_all(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray,
                           struct gn_ref_record *out_records, size_t capacity);

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a shader can ask for beside the hit: transforms, the object-space ray, vertices, as rational numbers rounded once. */
+/* What a shader can ask for beside the hit: transforms, the object-space ray, vertices, in rational numbers. */
 #include <math.h>
 #include <string.h>
 

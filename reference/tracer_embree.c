@@ -34,6 +34,7 @@ struct embree {
     uint32_t lone_instance;
     bool has_boxes;
     bool robust;
+    enum RTCError error; /* the first one */
     _Atomic int64_t bytes;
 };
 
@@ -227,6 +228,15 @@ static void box_occluded(const struct RTCOccludedFunctionNArguments *arguments)
               (struct RTCRay *)arguments->ray, NULL);
 }
 
+/* Embree forgets an error when it is asked for it. */
+static bool fine(struct embree *embree)
+{
+    enum RTCError error = rtcGetDeviceError(embree->device);
+    if (embree->error == RTC_ERROR_NONE)
+        embree->error = error;
+    return embree->error == RTC_ERROR_NONE;
+}
+
 static bool geometry_attach(struct embree *embree, RTCScene scene, const struct gn_ref_geometry *geometry, uint32_t index,
                             uint32_t mask)
 {
@@ -262,7 +272,7 @@ static bool geometry_attach(struct embree *embree, RTCScene scene, const struct 
     rtcSetGeometryMask(made, mask);
     rtcCommitGeometry(made);
     rtcAttachGeometryByID(scene, made, index);
-    done = rtcGetDeviceError(embree->device) == RTC_ERROR_NONE;
+    done = fine(embree);
 out:
     rtcReleaseGeometry(made);
     return done;
@@ -285,7 +295,7 @@ static RTCScene blas_make(struct embree *embree, const struct gn_ref_blas *blas,
         done = geometry_attach(embree, scene, &blas->geometries[g], g, mask);
     if (done) {
         rtcCommitScene(scene);
-        done = rtcGetDeviceError(embree->device) == RTC_ERROR_NONE;
+        done = fine(embree);
     }
     if (!done && scene) {
         rtcReleaseScene(scene);
@@ -377,11 +387,10 @@ static bool embree_create(struct gn_ref_tracer *tracer, bool robust)
     }
     if (done)
         rtcCommitScene(embree->root);
-built:;
-    enum RTCError code = rtcGetDeviceError(embree->device);
-    if (!done || code != RTC_ERROR_NONE) {
-        done = gn_ref_tracer_fail(tracer, "Embree failed with error %d over %u instances (2 bad argument, 4 out of memory)",
-                                  (int)code, scene->instance_count);
+built:
+    if (!fine(embree) || !done) {
+        done = gn_ref_tracer_fail(tracer, "Embree failed over %u instances with error %d (4: out of memory)",
+                                  scene->instance_count, (int)embree->error);
         goto out;
     }
     tracer->cost.bytes = (uint64_t)atomic_load(&embree->bytes);

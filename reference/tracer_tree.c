@@ -281,6 +281,13 @@ static void *shrink(void *memory, size_t bytes)
     return smaller ? smaller : memory;
 }
 
+/* NULL for an inactive instance. */
+static const struct gn_ref_blas *blas_of(const struct gn_ref_scene *scene, uint32_t instance)
+{
+    uint32_t blas = scene->instances[instance].blas;
+    return blas == GN_REF_NULL_BLAS ? NULL : &scene->blases[blas];
+}
+
 bool gn_ref_tree_build(struct gn_ref_tree *out, const struct gn_ref_scene *scene, enum gn_ref_geometry_type type)
 {
     struct build build = {.tree = out};
@@ -288,10 +295,10 @@ bool gn_ref_tree_build(struct gn_ref_tree *out, const struct gn_ref_scene *scene
     bool done = false;
     *out = (struct gn_ref_tree){0};
     for (uint32_t i = 0; i < scene->instance_count; i++) {
-        const struct gn_ref_instance *instance = &scene->instances[i];
-        for (uint32_t g = 0; instance->blas != GN_REF_NULL_BLAS && g < scene->blases[instance->blas].geometry_count; g++)
-            if (scene->blases[instance->blas].geometries[g].type == type)
-                most += scene->blases[instance->blas].geometries[g].primitive_count;
+        const struct gn_ref_blas *blas = blas_of(scene, i);
+        for (uint32_t g = 0; blas && g < blas->geometry_count; g++)
+            if (blas->geometries[g].type == type)
+                most += blas->geometries[g].primitive_count;
     }
     if (most == 0)
         return true;
@@ -299,9 +306,9 @@ bool gn_ref_tree_build(struct gn_ref_tree *out, const struct gn_ref_scene *scene
     if (!build.items)
         goto out;
     for (uint32_t i = 0; i < scene->instance_count; i++) {
-        const struct gn_ref_instance *instance = &scene->instances[i];
-        for (uint32_t g = 0; instance->blas != GN_REF_NULL_BLAS && g < scene->blases[instance->blas].geometry_count; g++) {
-            const struct gn_ref_geometry *geometry = &scene->blases[instance->blas].geometries[g];
+        const struct gn_ref_blas *blas = blas_of(scene, i);
+        for (uint32_t g = 0; blas && g < blas->geometry_count; g++) {
+            const struct gn_ref_geometry *geometry = &blas->geometries[g];
             for (uint32_t p = 0; geometry->type == type && p < geometry->primitive_count; p++) {
                 build.items[count].primitive = (struct gn_ref_primitive){i, g, p};
                 if (primitive_bounds(scene, &build.items[count].primitive, &build.items[count].bounds))
