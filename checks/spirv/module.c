@@ -426,29 +426,48 @@ done:
     return status;
 }
 
-/* SPIRV-Tools decides what is valid SPIR-V; the layout of buffers is no concern here and left out. */
-enum gn_spirv_status module_validate(const struct module *module)
+static spv_result_t tools_validate(const uint32_t *words, size_t word_count, spv_target_env environment, bool relaxed,
+                                   char *out_message, size_t message_size)
 {
-    enum gn_spirv_status status = GN_SPIRV_OUT_OF_MEMORY;
+    spv_result_t result = SPV_ERROR_OUT_OF_MEMORY;
     spv_diagnostic diagnostic = NULL;
-    spv_context context = spvContextCreate(SPV_ENV_UNIVERSAL_1_6);
+    spv_context context = spvContextCreate(environment);
     spv_validator_options options = spvValidatorOptionsCreate();
-    if (!context || !options)
+    if (!context || !options) {
+        snprintf(out_message, message_size, "out of memory");
         goto done;
-    spvValidatorOptionsSetSkipBlockLayout(options, true);
-    spvValidatorOptionsSetRelaxLogicalPointer(options, true);
-    spv_const_binary_t binary = {module->words, module->word_count};
-    if (spvValidateWithOptions(context, options, &binary, &diagnostic) == SPV_SUCCESS) {
-        status = GN_SPIRV_UNTOUCHED;
-    } else {
-        status = GN_SPIRV_INVALID;
-        say(module, "SPIRV-Tools: %s", diagnostic && diagnostic->error ? diagnostic->error : "not valid");
     }
+    spvValidatorOptionsSetSkipBlockLayout(options, relaxed);
+    spvValidatorOptionsSetRelaxLogicalPointer(options, relaxed);
+    spv_const_binary_t binary = {words, word_count};
+    result = spvValidateWithOptions(context, options, &binary, &diagnostic);
+    if (result != SPV_SUCCESS)
+        snprintf(out_message, message_size, "SPIRV-Tools: %s", diagnostic && diagnostic->error ? diagnostic->error : "not valid");
 done:
     spvDiagnosticDestroy(diagnostic);
     spvValidatorOptionsDestroy(options);
     spvContextDestroy(context);
-    return status;
+    return result;
+}
+
+/* SPIRV-Tools decides what is valid SPIR-V; the layout of buffers is no concern here and left out. */
+enum gn_spirv_status module_validate(const struct module *module)
+{
+    switch (tools_validate(module->words, module->word_count, SPV_ENV_UNIVERSAL_1_6, true, module->message,
+                           module->message_size)) {
+    case SPV_SUCCESS: return GN_SPIRV_UNTOUCHED;
+    case SPV_ERROR_OUT_OF_MEMORY: return GN_SPIRV_OUT_OF_MEMORY;
+    default: return GN_SPIRV_INVALID;
+    }
+}
+
+bool gn_spirv_validate(const uint32_t *words, size_t word_count, uint32_t vulkan_minor, char *out_message,
+                       size_t message_size)
+{
+    spv_target_env environment = vulkan_minor == 0   ? SPV_ENV_UNIVERSAL_1_6
+                                 : vulkan_minor <= 2 ? SPV_ENV_VULKAN_1_2
+                                                     : SPV_ENV_VULKAN_1_3;
+    return tools_validate(words, word_count, environment, vulkan_minor == 0, out_message, message_size) == SPV_SUCCESS;
 }
 
 uint32_t *gn_spirv_round_trip(const uint32_t *words, size_t word_count, size_t *out_count, char *out_message,

@@ -110,6 +110,11 @@ void gn_spirv_instrument(const uint32_t *words, size_t word_count, const struct 
                          struct gn_spirv_result *out);
 void gn_spirv_result_finish(struct gn_spirv_result *result);
 
+/* Whether SPIRV-Tools finds a module valid under Vulkan 1.2 (vulkan_minor 2), 1.3 (3), or as SPIR-V alone (0); the reason if
+ * not. */
+bool gn_spirv_validate(const uint32_t *words, size_t word_count, uint32_t vulkan_minor, char *out_message,
+                       size_t message_size);
+
 /* Whether a module mentions ray queries at all: one pass over the words, no allocation. False for what is no module. */
 bool gn_spirv_has_queries(const uint32_t *words, size_t word_count);
 

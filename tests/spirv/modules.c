@@ -1,0 +1,68 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Loads the compiled test shaders, see modules.h. */
+#include "tests/spirv/modules.h"
+
+#include <dirent.h>
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+const char *const form_names[FORM_COUNT] = {"line", "debug", "plain", "optimized"};
+
+uint32_t *module_load(const char *form, const char *name, size_t *out_count)
+{
+    char path[1024];
+    snprintf(path, sizeof path, MODULES "/%s/%s.spv", form, name);
+    FILE *file = fopen(path, "rb");
+    if (!file)
+        fail_msg("cannot open %s", path);
+    fseek(file, 0, SEEK_END);
+    long size = ftell(file);
+    rewind(file);
+    assert_true(size > 0 && size % 4 == 0);
+    uint32_t *words = malloc((size_t)size);
+    assert_non_null(words);
+    assert_int_equal(fread(words, 1, (size_t)size, file), size);
+    fclose(file);
+    *out_count = (size_t)size / 4;
+    return words;
+}
+
+static int compare(const void *a, const void *b)
+{
+    return strcmp(a, b);
+}
+
+uint32_t modules_list(char (*out)[64], uint32_t capacity)
+{
+    uint32_t count = 0;
+    DIR *folder = opendir(MODULES "/line");
+    assert_non_null(folder);
+    for (struct dirent *entry; (entry = readdir(folder));) {
+        char *dot = strrchr(entry->d_name, '.');
+        if (!dot || strcmp(dot, ".spv") != 0)
+            continue;
+        assert_true(count < capacity);
+        snprintf(out[count++], 64, "%.*s", (int)(dot - entry->d_name), entry->d_name);
+    }
+    closedir(folder);
+    qsort(out, count, 64, compare);
+    return count;
+}
+
+void result_text(const struct gn_spirv_result *result, bool lines, char *out, size_t size)
+{
+    size_t used = 0;
+    out[0] = '\0';
+    for (uint32_t s = 0; s < result->site_count; s++)
+        for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
+            const struct gn_spirv_site *site = &result->sites[s];
+            if (!(site->checked >> rule & 1) || used >= size)
+                continue;
+            used += (size_t)snprintf(out + used, size - used, "%s%s%c", used ? " " : "",
+                                     gn_spirv_rule_at((enum gn_spirv_rule_index)rule)->id + 6,
+                                     site->wrong >> rule & 1 ? '!' : '?');
+            if (lines && used < size)
+                used += (size_t)snprintf(out + used, size - used, "%u", site->place.line);
+        }
+}
