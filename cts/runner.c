@@ -521,8 +521,10 @@ int gn_runner_run(const struct gn_runner_options *options, const struct gn_selec
         } else {
             printf("\nreport: %s/report.html\n", options->out);
         }
-        if (fflush(stdout) != 0)
+        if (fflush(stdout) != 0 || ferror(stdout)) {
             fprintf(stderr, "gnomon: cannot write to standard output: %s\n", strerror(errno));
+            exit_status = 3;
+        }
     }
     handle_signals(false, &waiting_mask);
 done:
