@@ -152,6 +152,9 @@ double gn_accuracy_unseen_per_million(uint64_t n);
 /* The choice in words: "certified: 1.05x the time, 0 wrong per million (< 0.4 at 95 %), t within 1e-06 ulp". */
 void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice, double budget, char *out, size_t size);
 
+/* The tier within the budget that has fewer gross decisions per million than the choice, the fewest of all; -1: none. */
+int gn_accuracy_choose_gross(const struct gn_accuracy_point *points, size_t count, double budget, int choice);
+
 /* A number with about three digits that says 0 only for 0: "0", "0.0012", "3,210". `out` has 32 characters. */
 const char *gn_accuracy_number(double value, char out[32]);
 

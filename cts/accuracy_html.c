@@ -54,7 +54,7 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
           file);
     fputs(gn_html_style, file);
     fputs(gn_accuracy_plot_style, file);
-    fputs(".plot{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:10px;margin:14px 0;"
+    fputs("code{white-space:nowrap}.plot{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:10px;margin:14px 0;"
           "overflow-x:auto}td.zero{color:var(--good)}td.bad{color:var(--bad);font-weight:650}tr.first td{border-top:2px "
           "solid var(--line)}</style></head>\n<body><main>\n<h1>Gnomon, what accuracy costs in time</h1>\n",
           file);
@@ -71,6 +71,12 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++) {
         fprintf(file, "<small>%s &ndash; ", mode ? "Batches" : "Single rays");
         put_choice(file, accuracy, GN_ACCURACY_ALL_SCENES, (enum gn_accuracy_mode)mode);
+        int other = gn_accuracy_choose_gross(points[mode], GN_REF_TIER_COUNT, options->budget, choices[mode]);
+        if (other >= 0)
+            fprintf(file, ". But %s has fewer <i>gross</i> ones: %.0f against %.0f per million",
+                    gn_ref_tier_name((enum gn_ref_tier)other),
+                    1e6 * (double)points[mode][other].gross / (double)points[mode][other].rays,
+                    1e6 * (double)points[mode][choices[mode]].gross / (double)points[mode][choices[mode]].rays);
         fputs(".</small>", file);
     }
     fputs("</div>\n<dl class=facts><dt>Machine</dt><dd>", file);

@@ -155,6 +155,9 @@ static void scale(struct panel *panel)
     panel->time_high = log10(time[1]) + 0.05;
     panel->value_low = floor(isfinite(value[0]) ? log10(value[0]) - 0.1 : 0);
     panel->value_high = ceil(value[1] > 0 ? log10(value[1]) + 0.25 : 3);
+    /* Of a million no more than all. */
+    if (!panel->t_error)
+        panel->value_high = fmin(panel->value_high, 6);
     if (panel->value_high - panel->value_low < 2)
         panel->value_high = panel->value_low + 2;
 }

@@ -72,6 +72,20 @@ int gn_accuracy_choose(const struct gn_accuracy_point *points, size_t count, dou
     return choice;
 }
 
+static double gross_share(const struct gn_accuracy_point *point)
+{
+    return point->rays ? (double)point->gross / (double)point->rays : 0;
+}
+
+int gn_accuracy_choose_gross(const struct gn_accuracy_point *points, size_t count, double budget, int choice)
+{
+    int best = choice;
+    for (size_t i = 0; i < count && choice >= 0; i++)
+        if (points[i].time <= budget && gross_share(&points[i]) < gross_share(&points[best]))
+            best = (int)i;
+    return best == choice ? -1 : best;
+}
+
 void gn_accuracy_front(const double *times, const double *values, size_t count, bool *out_on_front)
 {
     for (size_t i = 0; i < count; i++) {

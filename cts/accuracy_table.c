@@ -93,6 +93,11 @@ void gn_accuracy_print_choice(FILE *file, const struct gn_accuracy *accuracy)
             gn_accuracy_choice_text(points, choice, accuracy->options.budget, text, sizeof text);
             fprintf(file, "  %-11.24s %-6s  %s\n", mode ? "" : all ? "ALL SCENES" : accuracy->scenes[i].name,
                     gn_accuracy_mode_name((enum gn_accuracy_mode)mode), text);
+            int other = gn_accuracy_choose_gross(points, GN_REF_TIER_COUNT, accuracy->options.budget, choice);
+            if (other >= 0 && (all || accuracy->scene_count == 1))
+                fprintf(file, "  %-11s %-6s  but %s has fewer gross ones: %.0f against %.0f per million\n", "", "",
+                        gn_ref_tier_name((enum gn_ref_tier)other), 1e6 * (double)points[other].gross / (double)points[other].rays,
+                        1e6 * (double)points[choice].gross / (double)points[choice].rays);
         }
     }
 }

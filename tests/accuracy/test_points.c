@@ -58,6 +58,20 @@ static void the_choice_is_the_most_accurate_within_the_budget(void **state)
     }
 }
 
+static void a_choice_with_more_gross_decisions_is_told(void **state)
+{
+    (void)state;
+    struct gn_accuracy_point points[] = {point(GN_REF_TIER_FAST, 0.9, 10, 1), point(GN_REF_TIER_ROBUST, 1, 20, 1),
+                                         point(GN_REF_TIER_CERTIFIED, 3, 0, 0)};
+    points[0].gross = 8;
+    points[1].gross = 7;
+    assert_int_equal(gn_accuracy_choose_gross(points, 3, 1.2, 0), 1);
+    points[1].gross = 8;
+    assert_int_equal(gn_accuracy_choose_gross(points, 3, 1.2, 0), -1);
+    assert_int_equal(gn_accuracy_choose_gross(points, 3, 3, 0), 2);
+    assert_int_equal(gn_accuracy_choose_gross(points, 3, 0.1, -1), -1);
+}
+
 static void the_front_is_what_no_other_beats(void **state)
 {
     (void)state;
@@ -198,6 +212,7 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_choice_is_the_most_accurate_within_the_budget),
+        cmocka_unit_test(a_choice_with_more_gross_decisions_is_told),
         cmocka_unit_test(the_front_is_what_no_other_beats),
         cmocka_unit_test(budgets_are_read),
         cmocka_unit_test(points_sum_up_rows),
