@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * `gnomon accuracy`: every tier of the reference on the same rays, what each costs in time and how often and how far
- * each is wrong. Scenes (accuracy_scenes.c) are measured (accuracy_measure.c) into rows, rows are summed up into points
- * (accuracy_points.c), and both are shown as table, JSON, plot and page.
+ * `gnomon accuracy`: every tier of the reference on the same rays, what each costs in time and how often and
+ * how far each is wrong. Scenes (accuracy_scenes.c) are measured (accuracy_measure.c) into rows, rows are
+ * summed up into points (accuracy_points.c), and both are shown as table, JSON, plot and page.
  */
 #ifndef GNOMON_CTS_ACCURACY_H
 #define GNOMON_CTS_ACCURACY_H
@@ -22,12 +22,12 @@ const char *gn_accuracy_mode_name(enum gn_accuracy_mode mode);
 const char *gn_accuracy_aim_name(enum gn_aim aim);
 
 struct gn_accuracy_scene {
-    const char *name; /* as --scene takes it; of a file, the name of the file */
+    const char *name;  /* as --scene takes it; of a file, the name of the file */
     const char *about; /* a sentence for people */
     struct gn_model model;
-    double distance; /* of the rays' origins from what they are aimed at, about */
-    uint64_t triangles; /* over all instances */
-    uint64_t *triangles_up_to; /* those of an instance and the ones before it */
+    double distance;                /* of the rays' origins from what they are aimed at, about */
+    uint64_t triangles;             /* over all instances */
+    uint64_t *triangles_up_to;      /* those of an instance and the ones before it */
     struct gn_ref_scene *reference; /* committed */
 };
 
@@ -35,9 +35,9 @@ struct gn_accuracy_scene {
 bool gn_accuracy_scene_describe(size_t number, const char **out_name, const char **out_about);
 
 /*
- * Makes a scene: a built-in one by its name, or a model file. `quick`: small. False with a message, and an exit
- * status: 2 for an unknown name or a file that cannot be used, 3 when memory is short. Model files are read in a child
- * process, so no thread may have been started.
+ * Makes a scene: a built-in one by its name, or a model file. `quick`: small. False with a message, and an
+ * exit status: 2 for an unknown name or a file that cannot be used, 3 when memory is short. Model files are
+ * read in a child process, so no thread may have been started.
  */
 bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, bool quick, uint64_t seed,
                             struct gn_arena *arena, int *out_exit_status, char *out_error, size_t error_size);
@@ -46,8 +46,8 @@ bool gn_accuracy_scene_commit(struct gn_accuracy_scene *scene, char *out_error, 
 /* Releases scene->reference; the rest is the arena's. */
 void gn_accuracy_scene_finish(struct gn_accuracy_scene *scene);
 
-void gn_accuracy_rays(const struct gn_accuracy_scene *scene, enum gn_aim aim, uint64_t seed, struct gn_ref_ray *rays,
-                      uint32_t count);
+void gn_accuracy_rays(const struct gn_accuracy_scene *scene, enum gn_aim aim, uint64_t seed,
+                      struct gn_ref_ray *rays, uint32_t count);
 
 /* What one tier did with one kind of rays on one scene in one mode. */
 struct gn_accuracy_row {
@@ -55,11 +55,12 @@ struct gn_accuracy_row {
     enum gn_aim aim;
     enum gn_accuracy_mode mode;
     enum gn_ref_tier tier;
-    double mrays_per_s; /* the median run */
-    double ratio_to_robust; /* the median over the runs of speed / robust's speed in the same run */
-    uint64_t rays; /* judged; fewer for the exact tier */
+    double mrays_per_s;      /* the median run */
+    double ratio_to_robust;  /* the median over the runs of speed / robust's speed in the same run */
+    uint64_t rays;           /* judged; fewer for the exact tier */
     uint64_t lost, invented; /* wrong: a hit missed, a hit where there is none */
-    uint64_t neighbour, other; /* wrong: another triangle, which shares a vertex with a nearest one, or does not */
+    uint64_t neighbour,
+        other;     /* wrong: another triangle, which shares a vertex with a nearest one, or does not */
     uint64_t hits; /* right hits, which the errors of t are over */
     double t_error_median, t_error_max; /* in ulp of f32; NaN without a right hit */
     double build_seconds;
@@ -78,11 +79,11 @@ static inline uint64_t gn_accuracy_row_gross(const struct gn_accuracy_row *row)
 }
 
 struct gn_accuracy_options {
-    uint32_t rays; /* of each kind */
+    uint32_t rays;       /* of each kind */
     uint32_t exact_rays; /* most that the exact tier traces of each kind */
-    uint32_t runs; /* timed, odd */
-    uint32_t threads; /* that trace while time is taken */
-    uint32_t jobs; /* that judge */
+    uint32_t runs;       /* timed, odd */
+    uint32_t threads;    /* that trace while time is taken */
+    uint32_t jobs;       /* that judge */
     uint64_t seed;
     bool quick;
     double budget;
@@ -96,7 +97,7 @@ struct gn_accuracy {
     struct gn_accuracy_row *rows;
     size_t row_count;
     uint64_t judged_exactly; /* answers of rays for which the exact tier was asked */
-    uint64_t judged; /* rays */
+    uint64_t judged;         /* rays */
     const char *started;
     const char *machine; /* the processor, for the page */
     double seconds;
@@ -115,8 +116,8 @@ bool gn_accuracy_measure(struct gn_accuracy *accuracy, uint32_t scene, gn_accura
 /* A tier over all kinds of rays of one scene, or over all scenes. */
 struct gn_accuracy_point {
     enum gn_ref_tier tier;
-    double time; /* relative to robust: the geometric mean over the kinds (and scenes) */
-    double mrays_per_s; /* likewise */
+    double time;                 /* relative to robust: the geometric mean over the kinds (and scenes) */
+    double mrays_per_s;          /* likewise */
     uint64_t rays, wrong, gross; /* gross ones are wrong, too */
     double wrong_per_million;
     double t_error_median; /* the median of the rows' medians; NaN when nothing was hit */
@@ -132,12 +133,12 @@ void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum
 /* Errors of t up to this many ulp are what the measurement itself may be wrong by, and count as none. */
 #define GN_ACCURACY_T_FLOOR 0x1p-14
 
-/* Whether a is more accurate than b as measured: fewer wrong decisions per million; of equally many, the smaller
- * largest error of t. */
+/* Whether a is more accurate than b as measured: fewer wrong decisions per million; of equally many, the
+ * smaller largest error of t. */
 bool gn_accuracy_is_better(const struct gn_accuracy_point *a, const struct gn_accuracy_point *b);
 
-/* The most accurate point whose time is at most `budget` (that is: budget times robust's); of equally accurate
- * ones the last, whose promise is the strongest. -1: none is fast enough. */
+/* The most accurate point whose time is at most `budget` (that is: budget times robust's); of equally
+ * accurate ones the last, whose promise is the strongest. -1: none is fast enough. */
 int gn_accuracy_choose(const struct gn_accuracy_point *points, size_t count, double budget);
 
 /* Marks the points that no other one beats in time without being less accurate in `value`. */
@@ -149,13 +150,17 @@ bool gn_accuracy_budget_parse(const char *text, double *out_budget);
 /* Where none of n was wrong, how many per million may be at a confidence of 95 %: about 3/n. */
 double gn_accuracy_unseen_per_million(uint64_t n);
 
-/* The choice in words: "certified: 1.05x the time, 0 wrong per million (< 0.4 at 95 %), t within 1e-06 ulp". */
-void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice, double budget, char *out, size_t size);
+/* The choice in words: "certified: 1.05x the time, 0 wrong per million (< 0.4 at 95 %), t within 1e-06 ulp".
+ */
+void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice, double budget, char *out,
+                             size_t size);
 
-/* The tier within the budget that has fewer gross decisions per million than the choice, the fewest of all; -1: none. */
+/* The tier within the budget that has fewer gross decisions per million than the choice, the fewest of all;
+ * -1: none. */
 int gn_accuracy_choose_gross(const struct gn_accuracy_point *points, size_t count, double budget, int choice);
 
-/* A number with about three digits that says 0 only for 0: "0", "0.0012", "3,210". `out` has 32 characters. */
+/* A number with about three digits that says 0 only for 0: "0", "0.0012", "3,210". `out` has 32 characters.
+ */
 const char *gn_accuracy_number(double value, char out[32]);
 
 /* The console's table, at most 100 columns wide. */
@@ -170,6 +175,7 @@ void gn_accuracy_plot(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
 extern const char gn_accuracy_plot_style[];
 
 /* The page. */
-bool gn_accuracy_html_write(const struct gn_accuracy *accuracy, const char *path, char *out_error, size_t error_size);
+bool gn_accuracy_html_write(const struct gn_accuracy *accuracy, const char *path, char *out_error,
+                            size_t error_size);
 
 #endif

@@ -2,10 +2,10 @@
 /*
  * Measures a scene: builds every tier, lets all trace the same rays in turns, and judges every answer.
  *
- * What is right is what the exact tier says of a ray; but it traces thousands of rays per second, not millions. So
- * it is asked for the first rays of each kind, and then for those on which the certified tier and another one
- * disagree, as many as its share allows. For the others the certified answer is taken, which then either every tier
- * gave or which its proof supports.
+ * What is right is what the exact tier says of a ray; but it traces thousands of rays per second, not
+ * millions. So it is asked for the first rays of each kind, and then for those on which the certified tier
+ * and another one disagree, as many as its share allows. For the others the certified answer is taken, which
+ * then either every tier gave or which its proof supports.
  */
 #include <float.h>
 #include <math.h>
@@ -88,7 +88,8 @@ static double trace(struct measurement *m, enum gn_ref_tier tier, enum gn_accura
         threads = MOST;
     double start = gn_clock();
     for (uint32_t i = 0; i < threads; i++) {
-        uint32_t from = (uint32_t)((uint64_t)count * i / threads), to = (uint32_t)((uint64_t)count * (i + 1) / threads);
+        uint32_t from = (uint32_t)((uint64_t)count * i / threads),
+                 to = (uint32_t)((uint64_t)count * (i + 1) / threads);
         parts[i] = (struct part){m->tracers[tier], mode, m->rays + from, m->records + from, to - from};
         if (i + 1 < threads)
             started[i] = pthread_create(&ids[i], NULL, trace_part, &parts[i]) == 0;
@@ -104,7 +105,8 @@ static double trace(struct measurement *m, enum gn_ref_tier tier, enum gn_accura
 /* As many rays as the exact tier traces in its time. */
 static uint32_t count_exact(struct measurement *m)
 {
-    uint32_t most = m->accuracy->options.exact_rays < m->ray_count ? m->accuracy->options.exact_rays : m->ray_count;
+    uint32_t most =
+        m->accuracy->options.exact_rays < m->ray_count ? m->accuracy->options.exact_rays : m->ray_count;
     uint32_t count = most < 16 ? most : 16;
     double seconds = trace(m, GN_REF_TIER_EXACT, GN_ACCURACY_SINGLE, count);
     double fits = seconds > 0 ? count * exact_seconds(&m->accuracy->options) / seconds : most;
@@ -137,12 +139,19 @@ static void take_time(struct measurement *m, enum gn_ref_tier tier, enum gn_accu
 
 static bool same(const struct answer *a, const struct answer *b)
 {
-    return a->outcome == b->outcome && (a->outcome != GN_REF_HIT || (a->instance == b->instance &&
-                                                                     a->geometry == b->geometry &&
-                                                                     a->primitive == b->primitive));
+    return a->outcome == b->outcome &&
+           (a->outcome != GN_REF_HIT ||
+            (a->instance == b->instance && a->geometry == b->geometry && a->primitive == b->primitive));
 }
 
-enum decision { DECISION_RIGHT, DECISION_LOST, DECISION_INVENTED, DECISION_NEIGHBOUR, DECISION_OTHER, DECISION_COUNT };
+enum decision {
+    DECISION_RIGHT,
+    DECISION_LOST,
+    DECISION_INVENTED,
+    DECISION_NEIGHBOUR,
+    DECISION_OTHER,
+    DECISION_COUNT
+};
 
 /* The part of the judgement that one thread does. */
 struct judge {
@@ -163,7 +172,8 @@ static bool is_tied(struct judge *judge, const struct gn_ref_ray *ray, const str
                     const struct answer *nearest, const struct answer *given)
 {
     int64_t count;
-    while ((count = gn_ref_tracer_all(oracle, ray, judge->list, judge->list_capacity)) > (int64_t)judge->list_capacity) {
+    while ((count = gn_ref_tracer_all(oracle, ray, judge->list, judge->list_capacity)) >
+           (int64_t)judge->list_capacity) {
         struct gn_ref_record *grown = realloc(judge->list, (size_t)count * sizeof *grown);
         if (!grown) {
             judge->failed = true;
@@ -176,11 +186,12 @@ static bool is_tied(struct judge *judge, const struct gn_ref_ray *ray, const str
         judge->failed = true;
         return false;
     }
-    struct gn_ref_hit first = {.instance = nearest->instance, .geometry = nearest->geometry,
-                               .primitive = nearest->primitive};
+    struct gn_ref_hit first = {
+        .instance = nearest->instance, .geometry = nearest->geometry, .primitive = nearest->primitive};
     for (int64_t i = 0; i < count; i++) {
         const struct gn_ref_hit *hit = &judge->list[i].hit;
-        if (hit->instance == given->instance && hit->geometry == given->geometry && hit->primitive == given->primitive)
+        if (hit->instance == given->instance && hit->geometry == given->geometry &&
+            hit->primitive == given->primitive)
             return gn_ref_compare_t_exact(judge->m->scene->reference, ray, &first, hit) == 0;
     }
     return false;
@@ -194,8 +205,8 @@ static bool are_neighbours(const struct gn_model *model, const struct answer *a,
     const struct gn_mesh *mesh = &model->meshes[model->instances[a->instance].mesh];
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
-            if (memcmp(mesh->positions[mesh->triangles[a->primitive][i]], mesh->positions[mesh->triangles[b->primitive][k]],
-                       sizeof *mesh->positions) == 0)
+            if (memcmp(mesh->positions[mesh->triangles[a->primitive][i]],
+                       mesh->positions[mesh->triangles[b->primitive][k]], sizeof *mesh->positions) == 0)
                 return true;
     return false;
 }
@@ -250,7 +261,8 @@ static void judge_ray(struct judge *judge, uint32_t i)
             else if (is_tied(judge, &m->rays[i], oracle, &right, given))
                 decision = DECISION_RIGHT;
             else
-                decision = are_neighbours(&m->scene->model, &right, given) ? DECISION_NEIGHBOUR : DECISION_OTHER;
+                decision =
+                    are_neighbours(&m->scene->model, &right, given) ? DECISION_NEIGHBOUR : DECISION_OTHER;
             judge->counts[t][mode][decision]++;
             if (decision == DECISION_RIGHT && right.outcome == GN_REF_HIT)
                 judge->errors[t][mode][judge->error_counts[t][mode]++] = error_in_ulp(given->t, right.t);
@@ -297,7 +309,8 @@ static uint64_t gather_errors(struct judge *judges, uint32_t count, int tier, in
     return filled;
 }
 
-static void put_row(struct measurement *m, struct gn_accuracy_row *row, struct judge *judges, uint32_t judge_count)
+static void put_row(struct measurement *m, struct gn_accuracy_row *row, struct judge *judges,
+                    uint32_t judge_count)
 {
     uint32_t runs = m->accuracy->options.runs;
     double speeds[MOST_RUNS], ratios[MOST_RUNS];
@@ -340,7 +353,8 @@ static bool judge_all(struct measurement *m, struct gn_accuracy *accuracy, struc
         for (int t = 0; t < GN_REF_TIER_COUNT; t++)
             for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
                 judges[j].errors[t][mode] =
-                    errors + (size_t)m->ray_count * (size_t)(t * GN_ACCURACY_MODE_COUNT + mode) + judges[j].from;
+                    errors + (size_t)m->ray_count * (size_t)(t * GN_ACCURACY_MODE_COUNT + mode) +
+                    judges[j].from;
         started[j] = j + 1 < jobs && pthread_create(&ids[j], NULL, judge_part, &judges[j]) == 0;
         if (!started[j])
             judge_part(&judges[j]);
@@ -376,8 +390,8 @@ static bool allocate(struct measurement *m)
     return ok;
 }
 
-bool gn_accuracy_measure(struct gn_accuracy *accuracy, uint32_t scene_number, gn_accuracy_tick *tick, void *user,
-                         char *out_error, size_t error_size)
+bool gn_accuracy_measure(struct gn_accuracy *accuracy, uint32_t scene_number, gn_accuracy_tick *tick,
+                         void *user, char *out_error, size_t error_size)
 {
     const struct gn_accuracy_scene *scene = &accuracy->scenes[scene_number];
     const struct gn_accuracy_options *options = &accuracy->options;
@@ -416,7 +430,8 @@ bool gn_accuracy_measure(struct gn_accuracy *accuracy, uint32_t scene_number, gn
             /* Each run begins with another tier, so that none has always the same one before it. */
             for (uint32_t t = 0; t < GN_REF_TIER_COUNT; t++)
                 for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
-                    take_time(m, (enum gn_ref_tier)((t + run) % GN_REF_TIER_COUNT), (enum gn_accuracy_mode)mode, run);
+                    take_time(m, (enum gn_ref_tier)((t + run) % GN_REF_TIER_COUNT),
+                              (enum gn_accuracy_mode)mode, run);
         }
         snprintf(doing, sizeof doing, "judging %s rays", gn_accuracy_aim_name((enum gn_aim)aim));
         tick(user, doing, from + part * 0.8);

@@ -89,28 +89,29 @@ static void *take_array(struct source *source, size_t count, size_t size)
     return data;
 }
 
-static bool take_mesh(struct source *source, struct gn_arena *arena, struct gn_mesh *out, uint64_t *inout_triangles,
-                      char *out_error, size_t error_size)
+static bool take_mesh(struct source *source, struct gn_arena *arena, struct gn_mesh *out,
+                      uint64_t *inout_triangles, char *out_error, size_t error_size)
 {
     struct gn_model_mesh mesh;
-    float (*positions)[3] = NULL;
-    uint32_t (*triangles)[3] = NULL;
+    float(*positions)[3] = NULL;
+    uint32_t(*triangles)[3] = NULL;
     bool ok = false;
     if (!take(source, &mesh, sizeof mesh))
         goto done;
     *inout_triangles += mesh.triangle_count;
     if (!mesh.triangle_count || *inout_triangles > GN_MODEL_MOST_TRIANGLES ||
         mesh.position_count / 3 > mesh.triangle_count || !mesh.position_count) {
-        snprintf(out_error, error_size, "the reader sent a mesh of %u vertices and %u triangles", mesh.position_count,
-                 mesh.triangle_count);
+        snprintf(out_error, error_size, "the reader sent a mesh of %u vertices and %u triangles",
+                 mesh.position_count, mesh.triangle_count);
         goto done;
     }
     positions = take_array(source, mesh.position_count, sizeof *positions);
     triangles = positions ? take_array(source, mesh.triangle_count, sizeof *triangles) : NULL;
     if (!triangles)
         goto done;
-    *out = (struct gn_mesh){gn_arena_alloc(arena, mesh.position_count, sizeof *out->positions), mesh.position_count,
-                            gn_arena_alloc(arena, mesh.triangle_count, sizeof *out->triangles), mesh.triangle_count};
+    *out = (struct gn_mesh){
+        gn_arena_alloc(arena, mesh.position_count, sizeof *out->positions), mesh.position_count,
+        gn_arena_alloc(arena, mesh.triangle_count, sizeof *out->triangles), mesh.triangle_count};
     for (uint32_t i = 0; i < mesh.position_count; i++) {
         for (int c = 0; c < 3; c++) {
             if (!isfinite(positions[i][c])) {
@@ -163,7 +164,8 @@ static bool take_model(struct source *source, struct gn_arena *arena, struct gn_
         return false;
     }
     *out = (struct gn_model){GN_NEW(arena, struct gn_mesh, header.mesh_count), header.mesh_count,
-                             GN_NEW(arena, struct gn_model_instance, header.instance_count), header.instance_count};
+                             GN_NEW(arena, struct gn_model_instance, header.instance_count),
+                             header.instance_count};
     uint64_t triangles = 0;
     for (uint32_t i = 0; i < header.mesh_count; i++)
         if (!take_mesh(source, arena, &out->meshes[i], &triangles, out_error, error_size))
@@ -205,7 +207,8 @@ _Noreturn static void become_child(const char *path, int fd, char *stage, double
     setrlimit(RLIMIT_CPU, &(struct rlimit){time, time});
     setrlimit(RLIMIT_CORE, &(struct rlimit){0, 0});
     setrlimit(RLIMIT_FSIZE, &(struct rlimit){0, 0});
-    static const int handled[] = {SIGSEGV, SIGABRT, SIGBUS, SIGFPE, SIGILL, SIGPIPE, SIGINT, SIGTERM, SIGXCPU};
+    static const int handled[] = {SIGSEGV, SIGABRT, SIGBUS,  SIGFPE, SIGILL,
+                                  SIGPIPE, SIGINT,  SIGTERM, SIGXCPU};
     for (size_t i = 0; i < sizeof handled / sizeof handled[0]; i++)
         signal(handled[i], SIG_DFL);
     int null = open("/dev/null", O_RDWR);
@@ -226,8 +229,8 @@ static bool check_file(const char *path, char *out_error, size_t error_size)
         snprintf(out_error, error_size, "%s: expected a file, found %s", path,
                  S_ISDIR(info.st_mode) ? "a folder" : "something else");
     } else if (!gn_model_is_file_name(path)) {
-        snprintf(out_error, error_size, "%s: expected a model whose name ends in .obj, .ply, .gltf, .glb or .stl",
-                 path);
+        snprintf(out_error, error_size,
+                 "%s: expected a model whose name ends in .obj, .ply, .gltf, .glb or .stl", path);
     } else if (access(path, R_OK) != 0) {
         snprintf(out_error, error_size, "%s: %s", path, strerror(errno));
     } else if (info.st_size == 0) {
@@ -241,8 +244,8 @@ static bool check_file(const char *path, char *out_error, size_t error_size)
     return false;
 }
 
-bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, struct gn_model *out, char *out_error,
-                   size_t error_size)
+bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, struct gn_model *out,
+                   char *out_error, size_t error_size)
 {
     int ends[2] = {-1, -1}, status = 0;
     pid_t pid = -1;

@@ -27,14 +27,14 @@ bool gn_model_is_file_name(const char *name);
 
 /*
  * Reads a file. All memory is the arena's. False with a message that names the file and, where the reader
- * can tell, the line, byte, mesh or vertex: for a file that is missing, of an unknown kind, malformed, without
- * triangles, with a coordinate that is not finite, with more than the limits above, and for one on which the
- * reading library crashes or hangs. `seconds` 0: GN_MODEL_SECONDS.
+ * can tell, the line, byte, mesh or vertex: for a file that is missing, of an unknown kind, malformed,
+ * without triangles, with a coordinate that is not finite, with more than the limits above, and for one on
+ * which the reading library crashes or hangs. `seconds` 0: GN_MODEL_SECONDS.
  *
  * Call it before threads are started: it forks without exec.
  */
-bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, struct gn_model *out, char *out_error,
-                   size_t error_size);
+bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, struct gn_model *out,
+                   char *out_error, size_t error_size);
 
 /*
  * The child's part (accuracy_model_child.c): reads the file and writes the meshes to the descriptor. `stage`
@@ -58,9 +58,9 @@ struct gn_model_mesh {
 };
 
 /*
- * What the library does not say (accuracy_model_check.c): the line or byte at which a text is not what its format
- * asks for, and counts that the file cannot hold. True when nothing is wrong as far as this looks; otherwise
- * false with the place and the reason. `data` is the whole file.
+ * What the library does not say (accuracy_model_check.c): the line or byte at which a text is not what its
+ * format asks for, and counts that the file cannot hold. True when nothing is wrong as far as this looks;
+ * otherwise false with the place and the reason. `data` is the whole file.
  */
 bool gn_model_check(const char *path, const char *data, size_t length, char *out_error, size_t error_size);
 

@@ -93,7 +93,8 @@ static bool check_obj(struct text text)
                 break;
             if (end == at)
                 return wrong(&text, "expected the number of a vertex, found '%.20s'", at);
-            if (index == 0 || (index > 0 && (uint64_t)index > total) || (index < 0 && (uint64_t)-index > before))
+            if (index == 0 || (index > 0 && (uint64_t)index > total) ||
+                (index < 0 && (uint64_t)-index > before))
                 return wrong(&text, "the face names vertex %lld, but the file has %llu", index,
                              (unsigned long long)total);
             corners++;
@@ -110,9 +111,9 @@ static unsigned type_bytes(const char *name)
     static const struct {
         const char *name;
         unsigned bytes;
-    } types[] = {{"char", 1},  {"uchar", 1}, {"int8", 1},  {"uint8", 1},   {"short", 2}, {"ushort", 2},  {"int16", 2},
-                 {"uint16", 2}, {"int", 4},  {"uint", 4},  {"int32", 4},   {"uint32", 4}, {"float", 4}, {"float32", 4},
-                 {"double", 8}, {"float64", 8}};
+    } types[] = {{"char", 1},  {"uchar", 1},   {"int8", 1},   {"uint8", 1},  {"short", 2}, {"ushort", 2},
+                 {"int16", 2}, {"uint16", 2},  {"int", 4},    {"uint", 4},   {"int32", 4}, {"uint32", 4},
+                 {"float", 4}, {"float32", 4}, {"double", 8}, {"float64", 8}};
     for (size_t i = 0; i < sizeof types / sizeof types[0]; i++)
         if (strcmp(types[i].name, name) == 0)
             return types[i].bytes;
@@ -131,10 +132,12 @@ static bool check_ply(struct text text)
         if (!next_line(&text, line, sizeof line))
             return text.line++, wrong(&text, "expected 'end_header', found the end of the file");
         int words = sscanf(line, "%63s %63s %63s", word[0], word[1], word[2]);
-        bool element = words > 0 && strcmp(word[0], "element") == 0, end = words > 0 && !strcmp(word[0], "end_header");
+        bool element = words > 0 && strcmp(word[0], "element") == 0,
+             end = words > 0 && !strcmp(word[0], "end_header");
         if ((element || end) && any) {
             uint64_t bytes = 0;
-            if (__builtin_mul_overflow(count, row ? row : 1, &bytes) || __builtin_add_overflow(needed, bytes, &needed) ||
+            if (__builtin_mul_overflow(count, row ? row : 1, &bytes) ||
+                __builtin_add_overflow(needed, bytes, &needed) ||
                 needed > (uint64_t)(text.end - text.at) + 1) {
                 text.line = count_line;
                 return wrong(&text, "%llu elements of at least %llu bytes, but only %llu bytes follow",
@@ -146,8 +149,10 @@ static bool check_ply(struct text text)
             break;
         if (words > 0 && strcmp(word[0], "format") == 0) {
             if (words < 2 || (strcmp(word[1], "ascii") != 0 && strncmp(word[1], "binary_", 7) != 0))
-                return wrong(&text, "expected a format of ascii, binary_little_endian or binary_big_endian, found '%.60s'",
-                             line);
+                return wrong(
+                    &text,
+                    "expected a format of ascii, binary_little_endian or binary_big_endian, found '%.60s'",
+                    line);
             ascii = strcmp(word[1], "ascii") == 0;
             format = true;
         } else if (element) {
@@ -162,7 +167,8 @@ static bool check_ply(struct text text)
             bool list = words > 1 && strcmp(word[1], "list") == 0;
             unsigned bytes = words == 3 ? type_bytes(list ? word[2] : word[1]) : 0;
             if (!any || !bytes)
-                return wrong(&text, "expected a property of a known type after an element, found '%.60s'", line);
+                return wrong(&text, "expected a property of a known type after an element, found '%.60s'",
+                             line);
             /* As text: a digit and what parts it from the next. */
             row += ascii ? 2 : bytes;
         } else if (words > 0 && strcmp(word[0], "comment") != 0 && strcmp(word[0], "obj_info") != 0) {
@@ -216,10 +222,11 @@ static bool check_glb(struct text text, const char *data, size_t length)
     else if (word_at(data + 16) != 0x4E4F534A)
         what = "type of the first chunk", offset = 16, expected = 0x4E4F534A, found = word_at(data + 16);
     else if (word_at(data + 12) > length - 20)
-        what = "length of the first chunk, at most", offset = 12, expected = length - 20, found = word_at(data + 12);
+        what = "length of the first chunk, at most", offset = 12, expected = length - 20,
+        found = word_at(data + 12);
     if (what) {
-        snprintf(text.out_error, text.error_size, "byte %zu: %s: expected %llu, found %llu", offset, what, expected,
-                 found);
+        snprintf(text.out_error, text.error_size, "byte %zu: %s: expected %llu, found %llu", offset, what,
+                 expected, found);
         return false;
     }
     return check_json(text, data + 20, word_at(data + 12), 20);
@@ -233,7 +240,8 @@ static bool check_stl(struct text text, const char *data, size_t length)
     if (length >= 5 && strncasecmp(data, "solid", 5) == 0)
         return true;
     if (length < 84)
-        snprintf(text.out_error, text.error_size, "byte 0: expected 'solid' or a header of 84 bytes, found %zu bytes", length);
+        snprintf(text.out_error, text.error_size,
+                 "byte 0: expected 'solid' or a header of 84 bytes, found %zu bytes", length);
     else
         snprintf(text.out_error, text.error_size, "byte 80: %lu triangles of 50 bytes, but %zu bytes follow",
                  (unsigned long)word_at(data + 80), length - 84);

@@ -43,7 +43,8 @@ static void put(const struct child *child, const void *data, size_t size)
     }
 }
 
-__attribute__((format(printf, 2, 3))) _Noreturn static void fail(const struct child *child, const char *format, ...)
+__attribute__((format(printf, 2, 3))) _Noreturn static void fail(const struct child *child,
+                                                                 const char *format, ...)
 {
     char text[1024];
     va_list arguments;
@@ -112,8 +113,8 @@ static void check_mesh(const struct child *child, uint32_t number)
     for (uint32_t i = 0; i < mesh->mNumVertices; i++) {
         struct aiVector3D v = mesh->mVertices[i];
         if (!isfinite(v.x) || !isfinite(v.y) || !isfinite(v.z))
-            fail(child, "mesh %u, vertex %u: expected finite coordinates, found (%g, %g, %g)", number, i, (double)v.x,
-                 (double)v.y, (double)v.z);
+            fail(child, "mesh %u, vertex %u: expected finite coordinates, found (%g, %g, %g)", number, i,
+                 (double)v.x, (double)v.y, (double)v.z);
     }
     for (uint32_t i = 0; i < mesh->mNumFaces; i++) {
         const struct aiFace *face = &mesh->mFaces[i];
@@ -121,8 +122,8 @@ static void check_mesh(const struct child *child, uint32_t number)
             fail(child, "mesh %u, face %u has no data", number, i);
         for (uint32_t k = 0; k < face->mNumIndices; k++)
             if (face->mIndices[k] >= mesh->mNumVertices)
-                fail(child, "mesh %u, face %u: expected an index below %u, found %u", number, i, mesh->mNumVertices,
-                     face->mIndices[k]);
+                fail(child, "mesh %u, face %u: expected an index below %u, found %u", number, i,
+                     mesh->mNumVertices, face->mIndices[k]);
     }
 }
 
@@ -136,19 +137,20 @@ static uint64_t hash_of(const float *v)
     return h ^ (h >> 31);
 }
 
-/* Triangles whose corners are shared where the positions are bit for bit the same: formats that split vertices by
- * normal or texture would otherwise hide which edges are shared. */
+/* Triangles whose corners are shared where the positions are bit for bit the same: formats that split
+ * vertices by normal or texture would otherwise hide which edges are shared. */
 static void put_mesh(const struct child *child, const struct aiMesh *mesh, uint32_t triangle_count)
 {
     size_t slots = 16;
     while (slots < (size_t)mesh->mNumVertices * 2)
         slots *= 2;
-    uint32_t *table = malloc(slots * sizeof *table), *names = malloc(((size_t)mesh->mNumVertices + 1) * sizeof *names);
-    float (*positions)[3] = malloc(((size_t)mesh->mNumVertices + 1) * sizeof *positions);
-    uint32_t (*triangles)[3] = malloc(triangle_count * sizeof *triangles);
+    uint32_t *table = malloc(slots * sizeof *table),
+             *names = malloc(((size_t)mesh->mNumVertices + 1) * sizeof *names);
+    float(*positions)[3] = malloc(((size_t)mesh->mNumVertices + 1) * sizeof *positions);
+    uint32_t(*triangles)[3] = malloc(triangle_count * sizeof *triangles);
     if (!table || !names || !positions || !triangles)
-        fail(child, "a mesh of %u vertices and %u triangles exceeds the memory a model may take", mesh->mNumVertices,
-             triangle_count);
+        fail(child, "a mesh of %u vertices and %u triangles exceeds the memory a model may take",
+             mesh->mNumVertices, triangle_count);
     memset(table, 0xFF, slots * sizeof *table);
     memset(names, 0xFF, ((size_t)mesh->mNumVertices + 1) * sizeof *names);
     uint32_t position_count = 0, filled = 0;
@@ -191,7 +193,8 @@ static void multiply(const double a[12], const struct aiMatrix4x4 *m, double out
                              a[4 * r + 2] * (double)b[8 + c] + (c == 3 ? a[4 * r + 3] : 0);
 }
 
-static void add_instance(struct child *child, const struct aiNode *node, const double world[12], uint32_t mesh)
+static void add_instance(struct child *child, const struct aiNode *node, const double world[12],
+                         uint32_t mesh)
 {
     if (child->instance_count == child->instance_capacity) {
         size_t capacity = child->instance_capacity ? 2 * child->instance_capacity : 64;
@@ -212,7 +215,8 @@ static void add_instance(struct child *child, const struct aiNode *node, const d
     const double *m = world;
     double cofactor[3] = {m[5] * m[10] - m[6] * m[9], m[6] * m[8] - m[4] * m[10], m[4] * m[9] - m[5] * m[8]};
     if (m[0] * cofactor[0] + m[1] * cofactor[1] + m[2] * cofactor[2] == 0)
-        fail(child, "node '%.64s': its transform is singular (its meshes are flattened to nothing)", node->mName.data);
+        fail(child, "node '%.64s': its transform is singular (its meshes are flattened to nothing)",
+             node->mName.data);
 }
 
 static void walk(struct child *child, const struct aiNode *node, const double parent[12], int depth)
@@ -223,8 +227,8 @@ static void walk(struct child *child, const struct aiNode *node, const double pa
     multiply(parent, &node->mTransformation, world);
     for (uint32_t i = 0; i < node->mNumMeshes; i++) {
         if (node->mMeshes[i] >= child->scene->mNumMeshes)
-            fail(child, "node '%.64s': expected a mesh below %u, found %u", node->mName.data, child->scene->mNumMeshes,
-                 node->mMeshes[i]);
+            fail(child, "node '%.64s': expected a mesh below %u, found %u", node->mName.data,
+                 child->scene->mNumMeshes, node->mMeshes[i]);
         uint32_t mesh = child->mesh_numbers[node->mMeshes[i]];
         if (mesh != UINT32_MAX)
             add_instance(child, node, world, mesh);

@@ -26,7 +26,8 @@ void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum
         point->t_error_median = point->t_error_max = (double)NAN;
         for (size_t i = 0; i < accuracy->row_count; i++) {
             const struct gn_accuracy_row *row = &accuracy->rows[i];
-            if ((int)row->tier != t || row->mode != mode || (scene != GN_ACCURACY_ALL_SCENES && row->scene != scene))
+            if ((int)row->tier != t || row->mode != mode ||
+                (scene != GN_ACCURACY_ALL_SCENES && row->scene != scene))
                 continue;
             rows++;
             log_ratio += log(row->ratio_to_robust);
@@ -136,7 +137,8 @@ const char *gn_accuracy_number(double value, char out[32])
     return out;
 }
 
-void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice, double budget, char *out, size_t size)
+void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice, double budget, char *out,
+                             size_t size)
 {
     char wrong[32], error[32], number[32], unseen[64] = "";
     if (choice < 0) {
@@ -147,7 +149,8 @@ void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice,
     if (!point->wrong)
         snprintf(unseen, sizeof unseen, " (< %.16s at 95 %%)",
                  gn_accuracy_number(gn_accuracy_unseen_per_million(point->rays), number));
-    snprintf(out, size, "%s: %.*fx the time, %s wrong per million%s, t within %s ulp", gn_ref_tier_name(point->tier),
-             point->time < 10 ? 2 : 0, point->time, gn_accuracy_number(point->wrong_per_million, wrong), unseen,
+    snprintf(out, size, "%s: %.*fx the time, %s wrong per million%s, t within %s ulp",
+             gn_ref_tier_name(point->tier), point->time < 10 ? 2 : 0, point->time,
+             gn_accuracy_number(point->wrong_per_million, wrong), unseen,
              gn_accuracy_number(point->t_error_max, error));
 }

@@ -23,25 +23,28 @@ static void set_single(struct gn_accuracy_scene *scene, struct gn_arena *arena, 
     scene->model.instance_count = 1;
 }
 
-static void make_terrain(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick)
+static void make_terrain(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
+                         bool quick)
 {
     uint32_t n = quick ? 48 : 256;
     set_single(scene, arena, gn_mesh_height_field(arena, random, n, 2.0 / n));
 }
 
-static void make_terrain_large(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
-                               bool quick)
+static void make_terrain_large(struct gn_accuracy_scene *scene, struct gn_arena *arena,
+                               struct gn_random *random, bool quick)
 {
     uint32_t n = quick ? 96 : 1024;
     set_single(scene, arena, gn_mesh_height_field(arena, random, n, 2.0 / n));
 }
 
-static void make_blob(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick)
+static void make_blob(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
+                      bool quick)
 {
     set_single(scene, arena, gn_mesh_blob(arena, random, quick ? 24 : 181, quick ? 64 : 362, 0.01));
 }
 
-static void make_slivers(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick)
+static void make_slivers(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
+                         bool quick)
 {
     uint32_t n = quick ? 32 : 256;
     struct gn_mesh square = gn_mesh_height_field(arena, random, n, 2.0 / n);
@@ -66,14 +69,16 @@ static void make_instances(struct gn_accuracy_scene *scene, struct gn_arena *are
     }
 }
 
-static void make_far(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick)
+static void make_far(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
+                     bool quick)
 {
     uint32_t n = quick ? 32 : 256;
     struct gn_mesh near = gn_mesh_height_field(arena, random, n, 2.0 / n);
     set_single(scene, arena, gn_mesh_scaled(arena, &near, 100, 100, 100, 1e5, -2e5, 1e5));
 }
 
-static void make_soup(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick)
+static void make_soup(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
+                      bool quick)
 {
     uint32_t count = quick ? 4000 : 131072;
     set_single(scene, arena, gn_mesh_soup(arena, random, count, quick ? 0.1 : 0.04));
@@ -81,7 +86,8 @@ static void make_soup(struct gn_accuracy_scene *scene, struct gn_arena *arena, s
 
 static const struct {
     const char *name, *about;
-    void (*make)(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random, bool quick);
+    void (*make)(struct gn_accuracy_scene *scene, struct gn_arena *arena, struct gn_random *random,
+                 bool quick);
 } scenes[] = {
     {"terrain", "a height field with shared vertices", make_terrain},
     {"terrain-2m", "the same, larger than the caches hold", make_terrain_large},
@@ -138,8 +144,10 @@ bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, b
     if (!scene->about) {
         if (!gn_model_is_file_name(name)) {
             int used = snprintf(out_error, error_size, "there is no scene '%s'; there are", name);
-            for (size_t i = 0; i < sizeof scenes / sizeof scenes[0] && used > 0 && (size_t)used < error_size; i++)
-                used += snprintf(out_error + used, error_size - (size_t)used, "%s %s", i ? "," : "", scenes[i].name);
+            for (size_t i = 0; i < sizeof scenes / sizeof scenes[0] && used > 0 && (size_t)used < error_size;
+                 i++)
+                used += snprintf(out_error + used, error_size - (size_t)used, "%s %s", i ? "," : "",
+                                 scenes[i].name);
             if (used > 0 && (size_t)used < error_size)
                 snprintf(out_error + used, error_size - (size_t)used,
                          ", and model files ending in .obj, .ply, .gltf, .glb or .stl");
@@ -151,9 +159,10 @@ bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, b
         char *shown = gn_arena_printf(arena, "%s", slash ? slash + 1 : name);
         gn_text_clean(shown);
         scene->name = shown;
-        scene->about = gn_arena_printf(arena, "a model file of %u mesh%s and %u instance%s", scene->model.mesh_count,
-                                       scene->model.mesh_count == 1 ? "" : "es", scene->model.instance_count,
-                                       scene->model.instance_count == 1 ? "" : "s");
+        scene->about =
+            gn_arena_printf(arena, "a model file of %u mesh%s and %u instance%s", scene->model.mesh_count,
+                            scene->model.mesh_count == 1 ? "" : "es", scene->model.instance_count,
+                            scene->model.instance_count == 1 ? "" : "s");
     }
     scene->triangles_up_to = GN_NEW(arena, uint64_t, scene->model.instance_count);
     for (uint32_t i = 0; i < scene->model.instance_count; i++) {
@@ -161,7 +170,8 @@ bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, b
         scene->triangles_up_to[i] = scene->triangles;
     }
     if (scene->triangles > (uint64_t)100 * 1000 * 1000) {
-        snprintf(out_error, error_size, "%s: %llu triangles over all instances, but at most 100,000,000 are traced", name,
+        snprintf(out_error, error_size,
+                 "%s: %llu triangles over all instances, but at most 100,000,000 are traced", name,
                  (unsigned long long)scene->triangles);
         return false;
     }
@@ -169,10 +179,11 @@ bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, b
     bounds_of(scene, low, high);
     for (int c = 0; c < 3; c++)
         size = fmax(size, high[c] - low[c]);
-    /* Embree's limit, beyond which its tiers see nothing; and a model in one point has no size to stand back by. */
+    /* Embree's limit, beyond which its tiers see nothing; and a model in one point has no size to stand back
+     * by. */
     if (!(size > 1e-30) || !(size < 1e17) || !(fabs(low[0]) + fabs(low[1]) + fabs(low[2]) < 1e17)) {
-        snprintf(out_error, error_size, "%s: its size is %g; expected one between 1e-30 and 1e17, as near the origin", name,
-                 size);
+        snprintf(out_error, error_size,
+                 "%s: its size is %g; expected one between 1e-30 and 1e17, as near the origin", name, size);
         return false;
     }
     scene->distance = 1.5 * size;
@@ -192,16 +203,16 @@ bool gn_accuracy_scene_commit(struct gn_accuracy_scene *scene, char *out_error, 
         struct gn_ref_geometry geometry = {.type = GN_REF_TRIANGLES,
                                            .flags = GN_REF_GEOMETRY_OPAQUE,
                                            .primitive_count = mesh->triangle_count,
-                                           .positions = (const double (*)[3])mesh->positions,
+                                           .positions = (const double(*)[3])mesh->positions,
                                            .position_count = mesh->position_count,
                                            .divisor = 1,
-                                           .triangles = (const uint32_t (*)[3])mesh->triangles};
+                                           .triangles = (const uint32_t(*)[3])mesh->triangles};
         if (!gn_ref_scene_add_blas(reference, &geometry, 1, &blases[i]))
             goto fail_scene;
     }
     for (uint32_t i = 0; i < model->instance_count; i++) {
-        struct gn_ref_instance instance = {.custom_index = i & 0xFFFFFF, .mask = 0xFF,
-                                           .blas = blases[model->instances[i].mesh]};
+        struct gn_ref_instance instance = {
+            .custom_index = i & 0xFFFFFF, .mask = 0xFF, .blas = blases[model->instances[i].mesh]};
         memcpy(instance.transform, model->instances[i].transform, sizeof instance.transform);
         if (!gn_ref_scene_add_instance(reference, &instance))
             goto fail_scene;
@@ -240,8 +251,8 @@ static uint32_t instance_with(const struct gn_accuracy_scene *scene, uint64_t tr
     return low;
 }
 
-void gn_accuracy_rays(const struct gn_accuracy_scene *scene, enum gn_aim aim, uint64_t seed, struct gn_ref_ray *rays,
-                      uint32_t count)
+void gn_accuracy_rays(const struct gn_accuracy_scene *scene, enum gn_aim aim, uint64_t seed,
+                      struct gn_ref_ray *rays, uint32_t count)
 {
     enum { BLOCK = 256 };
     struct gn_random random = {seed * 8 + (uint64_t)aim};

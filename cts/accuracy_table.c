@@ -52,11 +52,12 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
     char number[8][32];
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
         gn_accuracy_points(accuracy, scene, (enum gn_accuracy_mode)mode, points[mode]);
-    fprintf(file, "\n%.40s: %s; %s triangles\n", what->name, what->about, gn_format_grouped(what->triangles, number[0]));
+    fprintf(file, "\n%.40s: %s; %s triangles\n", what->name, what->about,
+            gn_format_grouped(what->triangles, number[0]));
     fprintf(file, "%-9s %13s %13s   %-34s  %6s  %7s %6s\n", "", "single rays", "batches",
             "wrong per million, aimed at", "t max", "build", "bytes/");
-    fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s %6s  %6s  %7s %6s\n", "tier", "Mray/s", "x rob.", "Mray/s",
-            "x rob.", "inside", "edge", "vertex", "random", "gross", "ulp", "seconds", "tri.");
+    fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s %6s  %6s  %7s %6s\n", "tier", "Mray/s", "x rob.",
+            "Mray/s", "x rob.", "inside", "edge", "vertex", "random", "gross", "ulp", "seconds", "tri.");
     for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
         const struct gn_accuracy_row *row = NULL;
         for (size_t i = 0; i < accuracy->row_count && !row; i++)
@@ -71,9 +72,10 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
         fputs("  ", file);
         for (int aim = 0; aim < GN_AIM_COUNT; aim++)
             fprintf(file, " %6s", short_number(per_million(accuracy, scene, t, aim, false), number[0]));
-        fprintf(file, " %6s  %6s  %7.2f %6s\n", short_number(per_million(accuracy, scene, t, GN_AIM_COUNT, true), number[0]),
-                short_number(fmax(points[0][t].t_error_max, points[1][t].t_error_max), number[1]), row->build_seconds,
-                short_number((double)row->bytes / (double)what->triangles, number[2]));
+        fprintf(file, " %6s  %6s  %7.2f %6s\n",
+                short_number(per_million(accuracy, scene, t, GN_AIM_COUNT, true), number[0]),
+                short_number(fmax(points[0][t].t_error_max, points[1][t].t_error_max), number[1]),
+                row->build_seconds, short_number((double)row->bytes / (double)what->triangles, number[2]));
     }
 }
 
@@ -88,15 +90,20 @@ void gn_accuracy_print_choice(FILE *file, const struct gn_accuracy *accuracy)
             break;
         for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++) {
             struct gn_accuracy_point points[GN_REF_TIER_COUNT];
-            gn_accuracy_points(accuracy, all ? GN_ACCURACY_ALL_SCENES : i, (enum gn_accuracy_mode)mode, points);
+            gn_accuracy_points(accuracy, all ? GN_ACCURACY_ALL_SCENES : i, (enum gn_accuracy_mode)mode,
+                               points);
             int choice = gn_accuracy_choose(points, GN_REF_TIER_COUNT, accuracy->options.budget);
             gn_accuracy_choice_text(points, choice, accuracy->options.budget, text, sizeof text);
-            fprintf(file, "  %-11.24s %-6s  %s\n", mode ? "" : all ? "ALL SCENES" : accuracy->scenes[i].name,
+            fprintf(file, "  %-11.24s %-6s  %s\n",
+                    mode  ? ""
+                    : all ? "ALL SCENES"
+                          : accuracy->scenes[i].name,
                     gn_accuracy_mode_name((enum gn_accuracy_mode)mode), text);
             int other = gn_accuracy_choose_gross(points, GN_REF_TIER_COUNT, accuracy->options.budget, choice);
             if (other >= 0 && (all || accuracy->scene_count == 1))
-                fprintf(file, "  %-11s %-6s  but %s has fewer gross ones: %.0f against %.0f per million\n", "", "",
-                        gn_ref_tier_name((enum gn_ref_tier)other), 1e6 * (double)points[other].gross / (double)points[other].rays,
+                fprintf(file, "  %-11s %-6s  but %s has fewer gross ones: %.0f against %.0f per million\n",
+                        "", "", gn_ref_tier_name((enum gn_ref_tier)other),
+                        1e6 * (double)points[other].gross / (double)points[other].rays,
                         1e6 * (double)points[choice].gross / (double)points[choice].rays);
         }
     }

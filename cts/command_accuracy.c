@@ -32,13 +32,16 @@ enum {
 
 static const struct argp_option options[] = {
     {"scene", OPTION_SCENE, "NAME|FILE", 0,
-     "A built-in scene or a model file (.obj, .ply, .gltf, .glb, .stl); may be repeated (default: every built-in one)", 0},
+     "A built-in scene or a model file (.obj, .ply, .gltf, .glb, .stl); may be repeated (default: every "
+     "built-in one)",
+     0},
     {"list", OPTION_LIST, NULL, 0, "Print the built-in scenes and measure nothing", 0},
     {"budget", OPTION_BUDGET, "1.2x", 0,
      "Name the most accurate tier within so many times the time of robust (default: 1.2x)", 0},
     {"out", OPTION_OUT, "DIR", 0, "Where the files go (default: gnomon-accuracy)", 0},
     {"rays", OPTION_RAYS, "N", 0, "Rays of each kind (default: 100000)", 0},
-    {"exact-rays", OPTION_EXACT_RAYS, "N", 0, "At most so many rays of each kind for the exact tier (default: 2000)", 0},
+    {"exact-rays", OPTION_EXACT_RAYS, "N", 0,
+     "At most so many rays of each kind for the exact tier (default: 2000)", 0},
     {"runs", OPTION_RUNS, "N", 0, "Timed runs, an odd number; the median counts (default: 5)", 0},
     {"threads", OPTION_THREADS, "N", 0, "Threads that trace while time is taken (default: 1)", 0},
     {"jobs", OPTION_JOBS, "N", 0, "Threads that judge the answers (default: one per CPU)", 0},
@@ -165,15 +168,17 @@ struct progress {
 static void tick(void *user, const char *doing, double share)
 {
     struct progress *progress = user;
-    double now = gn_clock(), part = (progress->done + progress->weights[progress->scene] * share) / progress->total;
+    double now = gn_clock(),
+           part = (progress->done + progress->weights[progress->scene] * share) / progress->total;
     char left[32] = "", duration[32], text[256];
     if (!progress->terminal)
         return;
     if (part > 0.02)
         snprintf(left, sizeof left, "ETA %.20s",
                  gn_format_duration((now - progress->started) * (1 - part) / part, duration));
-    snprintf(text, sizeof text, "[%u/%u] %3.0f %%  %s: %s  %s", progress->scene + 1, progress->accuracy->scene_count,
-             100 * part, progress->accuracy->scenes[progress->scene].name, doing, left);
+    snprintf(text, sizeof text, "[%u/%u] %3.0f %%  %s: %s  %s", progress->scene + 1,
+             progress->accuracy->scene_count, 100 * part, progress->accuracy->scenes[progress->scene].name,
+             doing, left);
     fprintf(stderr, "\r%.*s\033[K", gn_terminal_width(STDERR_FILENO) - 1, text);
     fflush(stderr);
 }
@@ -184,7 +189,8 @@ static bool convert(const char *svg, const char *png)
     fflush(NULL);
     pid_t pid = fork();
     if (pid == 0) {
-        execlp("rsvg-convert", "rsvg-convert", "--zoom=2", "--background-color=white", "-o", png, svg, (char *)NULL);
+        execlp("rsvg-convert", "rsvg-convert", "--zoom=2", "--background-color=white", "-o", png, svg,
+               (char *)NULL);
         _exit(127);
     }
     int status = 0;
@@ -193,7 +199,8 @@ static bool convert(const char *svg, const char *png)
     return pid > 0 && WIFEXITED(status) && WEXITSTATUS(status) == 0;
 }
 
-static bool write_svg(const struct gn_accuracy *accuracy, const char *path, char *out_error, size_t error_size)
+static bool write_svg(const struct gn_accuracy *accuracy, const char *path, char *out_error,
+                      size_t error_size)
 {
     char *text = NULL;
     size_t length = 0;
@@ -208,8 +215,8 @@ static bool write_svg(const struct gn_accuracy *accuracy, const char *path, char
     return ok;
 }
 
-static bool write_files(const struct gn_accuracy *accuracy, const char *out, struct gn_arena *arena, char *out_error,
-                        size_t error_size)
+static bool write_files(const struct gn_accuracy *accuracy, const char *out, struct gn_arena *arena,
+                        char *out_error, size_t error_size)
 {
     size_t length = 0;
     const char *svg = gn_arena_printf(arena, "%s/accuracy.svg", out);
@@ -218,10 +225,12 @@ static bool write_files(const struct gn_accuracy *accuracy, const char *out, str
     bool ok = json != NULL;
     if (!json)
         snprintf(out_error, error_size, "out of memory for accuracy.json");
-    ok = ok && gn_file_write(gn_arena_printf(arena, "%s/accuracy.json", out), json, length, out_error, error_size);
+    ok = ok &&
+         gn_file_write(gn_arena_printf(arena, "%s/accuracy.json", out), json, length, out_error, error_size);
     free(json);
     ok = ok && write_svg(accuracy, svg, out_error, error_size);
-    ok = ok && gn_accuracy_html_write(accuracy, gn_arena_printf(arena, "%s/accuracy.html", out), out_error, error_size);
+    ok = ok && gn_accuracy_html_write(accuracy, gn_arena_printf(arena, "%s/accuracy.html", out), out_error,
+                                      error_size);
     if (ok && !convert(svg, png)) {
         snprintf(out_error, error_size, "cannot draw %s: rsvg-convert is missing or failed", png);
         ok = false;
@@ -249,7 +258,8 @@ static int measure(struct gn_accuracy *accuracy, const char *out, struct gn_aren
         progress.scene = i;
         if (!progress.terminal)
             fprintf(stderr, "[%u/%u] %s, %llu triangles, %s\n", i + 1, accuracy->scene_count, scene->name,
-                    (unsigned long long)scene->triangles, gn_format_duration(gn_clock() - progress.started, number));
+                    (unsigned long long)scene->triangles,
+                    gn_format_duration(gn_clock() - progress.started, number));
         tick(&progress, "placing its triangles", 0);
         bool ok = gn_accuracy_scene_commit(scene, error, sizeof error) &&
                   gn_accuracy_measure(accuracy, i, tick, &progress, error, sizeof error);
@@ -290,8 +300,10 @@ int gn_command_accuracy(int argc, char **argv)
         parse,
         NULL,
         "Measures what accuracy costs in time: every tier of the reference traces the same rays.\v"
-        "The tiers are fast and robust (Embree's two modes), double (64-bit floats), certified (64-bit floats with an "
-        "exact answer where they cannot decide) and exact (integers of any size). A wrong decision is a hit missed, a "
+        "The tiers are fast and robust (Embree's two modes), double (64-bit floats), certified (64-bit "
+        "floats with an "
+        "exact answer where they cannot decide) and exact (integers of any size). A wrong decision is a hit "
+        "missed, a "
         "hit where there is none, or another primitive than the nearest.\n\n"
         "Exit status: 0 measured, 2 wrong usage or a model that cannot be read, 3 the harness itself failed.",
         NULL,
@@ -302,8 +314,13 @@ int gn_command_accuracy(int argc, char **argv)
     struct gn_accuracy accuracy = {0};
     char error[1024];
     int exit_status = 2;
-    arguments.options = (struct gn_accuracy_options){
-        .rays = 100000, .exact_rays = 2000, .runs = 5, .threads = 1, .jobs = default_jobs(), .seed = 1, .budget = 1.2};
+    arguments.options = (struct gn_accuracy_options){.rays = 100000,
+                                                     .exact_rays = 2000,
+                                                     .runs = 5,
+                                                     .threads = 1,
+                                                     .jobs = default_jobs(),
+                                                     .seed = 1,
+                                                     .budget = 1.2};
     arguments.scenes = GN_NEW(&arena, const char *, (size_t)argc + 32);
     if (argp_parse(&argp, argc, argv, 0, NULL, &arguments) != 0)
         goto done;
@@ -321,7 +338,8 @@ int gn_command_accuracy(int argc, char **argv)
     }
     if (!arguments.scene_count) {
         const char *about;
-        while (gn_accuracy_scene_describe(arguments.scene_count, &arguments.scenes[arguments.scene_count], &about))
+        while (gn_accuracy_scene_describe(arguments.scene_count, &arguments.scenes[arguments.scene_count],
+                                          &about))
             arguments.scene_count++;
     }
     accuracy.options = arguments.options;

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Model files: valid ones are read as they are, malformed ones give an error with file and place, never a crash. */
+/* Model files: valid ones are read as they are, malformed ones give an error with file and place, never a
+ * crash. */
 #include <stdarg.h>
 #include <stddef.h>
 #include <setjmp.h>
@@ -31,9 +32,10 @@ static const char *write_file(const char *name, const void *data, size_t length)
 
 /* A square of two triangles that share an edge, with a height that has no short decimal. */
 static const char obj[] = "# a square\nv 0 0 0\nv 1 0 0\nv 1 1 0.1\nv 0 1 0\n\nf 1 2 3\nf 1 3 4\n";
-static const char ply[] = "ply\nformat ascii 1.0\ncomment a square\nelement vertex 4\nproperty float x\nproperty float y\n"
-                          "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
-                          "0 0 0\n1 0 0\n1 1 0.1\n0 1 0\n3 0 1 2\n3 0 2 3\n";
+static const char ply[] =
+    "ply\nformat ascii 1.0\ncomment a square\nelement vertex 4\nproperty float x\nproperty float y\n"
+    "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n"
+    "0 0 0\n1 0 0\n1 1 0.1\n0 1 0\n3 0 1 2\n3 0 2 3\n";
 
 /* The square once more, binary, and with two nodes that show it: one moved, one mirrored. */
 static size_t make_gltf(char *out, size_t size, const char *second_scale, const char *indices_count)
@@ -54,12 +56,15 @@ static size_t make_gltf(char *out, size_t size, const char *second_scale, const 
     return (size_t)snprintf(
         out, size,
         "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0,1]}],\n"
-        "\"nodes\":[{\"name\":\"moved\",\"mesh\":0,\"translation\":[5,6,7]},{\"name\":\"flat\",\"mesh\":0,\"scale\":[%s]}],\n"
+        "\"nodes\":[{\"name\":\"moved\",\"mesh\":0,\"translation\":[5,6,7]},{\"name\":\"flat\",\"mesh\":0,"
+        "\"scale\":[%s]}],\n"
         "\"meshes\":[{\"primitives\":[{\"attributes\":{\"POSITION\":0},\"indices\":1}]}],\n"
-        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,0,0],\"max\":"
+        "\"accessors\":[{\"bufferView\":0,\"componentType\":5126,\"count\":4,\"type\":\"VEC3\",\"min\":[0,0,"
+        "0],\"max\":"
         "[1,1,0.1]},{\"bufferView\":1,\"componentType\":5123,\"count\":%s,\"type\":\"SCALAR\"}],\n"
         "\"bufferViews\":[{\"buffer\":0,\"byteOffset\":0,\"byteLength\":48},{\"buffer\":0,\"byteOffset\":48,"
-        "\"byteLength\":12}],\n\"buffers\":[{\"byteLength\":60,\"uri\":\"data:application/octet-stream;base64,%s\"}]}\n",
+        "\"byteLength\":12}],\n\"buffers\":[{\"byteLength\":60,\"uri\":\"data:application/"
+        "octet-stream;base64,%s\"}]}\n",
         second_scale, indices_count, base64);
 }
 
@@ -67,9 +72,10 @@ static size_t make_binary_ply(char out[1024])
 {
     static const float positions[12] = {0, 0, 0, 1, 0, 0, 1, 1, 0.1f, 0, 1, 0};
     static const uint32_t indices[6] = {0, 1, 2, 0, 2, 3};
-    size_t length = (size_t)snprintf(out, 1024,
-                                     "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
-                                     "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n");
+    size_t length = (size_t)snprintf(
+        out, 1024,
+        "ply\nformat binary_little_endian 1.0\nelement vertex 4\nproperty float x\nproperty float y\n"
+        "property float z\nelement face 2\nproperty list uchar int vertex_indices\nend_header\n");
     memcpy(out + length, positions, sizeof positions);
     length += sizeof positions;
     for (int i = 0; i < 2; i++) {
@@ -97,7 +103,8 @@ static void valid_files_are_read_as_they_are(void **state)
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         struct gn_arena arena = {0};
         struct gn_model model;
-        if (!gn_model_read(write_file(rows[i].name, rows[i].data, rows[i].length), 0, &arena, &model, error, sizeof error))
+        if (!gn_model_read(write_file(rows[i].name, rows[i].data, rows[i].length), 0, &arena, &model, error,
+                           sizeof error))
             fail_msg("%s", error);
         assert_int_equal(model.mesh_count, 1);
         assert_int_equal(model.instance_count, rows[i].instances);
@@ -131,8 +138,9 @@ static void polygons_become_triangles(void **state)
     gn_arena_finish(&arena);
 }
 
-#define PLY_HEAD(vertices, faces)                                                                                       \
-    "ply\nformat ascii 1.0\nelement vertex " vertices "\nproperty float x\nproperty float y\nproperty float z\n"      \
+#define PLY_HEAD(vertices, faces)                                                                            \
+    "ply\nformat ascii 1.0\nelement vertex " vertices                                                        \
+    "\nproperty float x\nproperty float y\nproperty float z\n"                                               \
     "element face " faces "\nproperty list uchar int vertex_indices\nend_header\n"
 
 static void malformed_files_are_told_with_their_place(void **state)
@@ -146,21 +154,27 @@ static void malformed_files_are_told_with_their_place(void **state)
     } rows[] = {
         {"nan in OBJ", "a.obj", "v 0 0 0\nv 1 nan 0\nv 1 1 0\nf 1 2 3\n", "line 2: expected finite numbers"},
         {"inf in OBJ", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 -inf 0\nf 1 2 3\n", "line 3: expected finite numbers"},
-        {"beyond f32 in OBJ", "a.obj", "v 0 0 0\nv 1e39 0 0\nv 1 1 0\nf 1 2 3\n", "line 2: expected finite numbers"},
+        {"beyond f32 in OBJ", "a.obj", "v 0 0 0\nv 1e39 0 0\nv 1 1 0\nf 1 2 3\n",
+         "line 2: expected finite numbers"},
         {"two coordinates", "a.obj", "v 0 0 0\nv 1 0\nv 1 1 0\nf 1 2 3\n", "line 2: expected 3 numbers"},
-        {"an index too large", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n", "line 4: the face names vertex 4"},
+        {"an index too large", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 1 2 4\n",
+         "line 4: the face names vertex 4"},
         {"index 0", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf 0 1 2\n", "line 4: the face names vertex 0"},
-        {"an index too negative", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -1 -2 -4\n", "line 4: the face names vertex -4"},
+        {"an index too negative", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf -1 -2 -4\n",
+         "line 4: the face names vertex -4"},
         {"a word as index", "a.obj", "v 0 0 0\nv 1 0 0\nv 1 1 0\nf one 2 3\n", "line 4: expected the number"},
         {"points only", "a.obj", "v 0 0 0\nv 1 0 0\n", ""},
         {"no PLY", "a.ply", "plx\n", "line 1: expected 'ply'"},
-        {"header without end", "a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n", "line 4: expected 'end_header'"},
-        {"a huge count", "a.ply", PLY_HEAD("4294967295", "1") "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n", "line 3: 4294967295 elements"},
+        {"header without end", "a.ply", "ply\nformat ascii 1.0\nelement vertex 3\n",
+         "line 4: expected 'end_header'"},
+        {"a huge count", "a.ply", PLY_HEAD("4294967295", "1") "0 0 0\n1 0 0\n1 1 0\n3 0 1 2\n",
+         "line 3: 4294967295 elements"},
         {"a count beyond 64 bits", "a.ply", PLY_HEAD("99999999999999999999999", "1") "0 0 0\n", "line 3: "},
         {"a negative count", "a.ply", PLY_HEAD("-1", "1") "0 0 0\n", "line 3: expected 'element NAME COUNT'"},
         {"an index out of range in PLY", "a.ply", PLY_HEAD("3", "1") "0 0 0\n1 0 0\n1 1 0\n3 0 1 7\n", ""},
         {"nan in PLY", "a.ply", PLY_HEAD("3", "1") "0 0 0\nnan 0 0\n1 1 0\n3 0 1 2\n", ""},
-        {"an unknown type", "a.ply", "ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\nend_header\n0\n",
+        {"an unknown type", "a.ply",
+         "ply\nformat ascii 1.0\nelement vertex 1\nproperty quad x\nend_header\n0\n",
          "line 4: expected a property"},
         {"no JSON", "a.gltf", "{\"asset\":\n{,}}", "line 2 (byte 11): its JSON is not well-formed"},
         {"no object", "a.gltf", "[]", "byte 0: expected a JSON object"},
@@ -182,7 +196,8 @@ static void malformed_files_are_told_with_their_place(void **state)
         bool ok = gn_model_read(path, 20, &arena, &model, error, sizeof error);
         snprintf(expected, sizeof expected, "%s: %s", path, rows[i].expected);
         if (ok || strncmp(error, expected, strlen(expected)) != 0 || strlen(error) <= strlen(path) + 2)
-            fail_msg("%s: expected '%s...', found %s '%s'", rows[i].what, expected, ok ? "a model" : "", error);
+            fail_msg("%s: expected '%s...', found %s '%s'", rows[i].what, expected, ok ? "a model" : "",
+                     error);
         gn_arena_finish(&arena);
     }
 }
@@ -207,10 +222,12 @@ static void what_is_no_model_file_is_refused(void **state)
     unlink(path);
     assert_false(gn_model_read(write_file("empty.ply", "", 0), 0, &arena, &model, error, sizeof error));
     assert_non_null(strstr(error, "empty"));
-    assert_false(gn_model_read(write_file("model.txt", obj, sizeof obj - 1), 0, &arena, &model, error, sizeof error));
+    assert_false(
+        gn_model_read(write_file("model.txt", obj, sizeof obj - 1), 0, &arena, &model, error, sizeof error));
     assert_non_null(strstr(error, ".gltf"));
     /* One that takes too long, for which a microsecond is enough. */
-    assert_false(gn_model_read(write_file("slow.obj", obj, sizeof obj - 1), 1e-6, &arena, &model, error, sizeof error));
+    assert_false(gn_model_read(write_file("slow.obj", obj, sizeof obj - 1), 1e-6, &arena, &model, error,
+                               sizeof error));
     assert_non_null(strstr(error, "slow.obj: not read within 1e-06 seconds"));
     gn_arena_finish(&arena);
 }
@@ -241,7 +258,8 @@ static void read_any(const char *name, const char *data, size_t length, unsigned
 static void mutated_files_never_crash(void **state)
 {
     (void)state;
-    static const char *const huge[] = {"4294967295", "-1", "99999999999", "1e999", "nan", "2147483648", "", "0"};
+    static const char *const huge[] = {"4294967295", "-1", "99999999999", "1e999", "nan", "2147483648",
+                                       "",           "0"};
     char gltf[4096], binary[1024], stl[184] = "binary";
     size_t gltf_length = make_gltf(gltf, sizeof gltf, "-1,1,1", "6"), binary_length = make_binary_ply(binary);
     /* Two triangles of 50 bytes behind a header of 80 and their number. */
@@ -271,7 +289,8 @@ static void mutated_files_never_crash(void **state)
             size_t length = seeds[s].length;
             memcpy(data, seeds[s].data, length);
             for (uint32_t change = 1 + gn_random_below(&random, 3); change && length > 16; change--) {
-                size_t at = gn_random_below(&random, (uint32_t)length - 8), run = 1 + gn_random_below(&random, 7);
+                size_t at = gn_random_below(&random, (uint32_t)length - 8),
+                       run = 1 + gn_random_below(&random, 7);
                 switch (gn_random_below(&random, 4)) {
                 case 0:
                     data[at] = (char)gn_random_below(&random, 256);
@@ -325,8 +344,10 @@ static int teardown(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(valid_files_are_read_as_they_are), cmocka_unit_test(polygons_become_triangles),
-        cmocka_unit_test(malformed_files_are_told_with_their_place), cmocka_unit_test(what_is_no_model_file_is_refused),
+        cmocka_unit_test(valid_files_are_read_as_they_are),
+        cmocka_unit_test(polygons_become_triangles),
+        cmocka_unit_test(malformed_files_are_told_with_their_place),
+        cmocka_unit_test(what_is_no_model_file_is_refused),
         cmocka_unit_test(mutated_files_never_crash),
     };
     return cmocka_run_group_tests(tests, setup, teardown);

@@ -15,8 +15,12 @@
 
 static struct gn_accuracy_point point(enum gn_ref_tier tier, double time, double wrong, double t_error)
 {
-    return (struct gn_accuracy_point){.tier = tier, .time = time, .wrong_per_million = wrong, .t_error_max = t_error,
-                                      .rays = 1000000, .wrong = (uint64_t)wrong};
+    return (struct gn_accuracy_point){.tier = tier,
+                                      .time = time,
+                                      .wrong_per_million = wrong,
+                                      .t_error_max = t_error,
+                                      .rays = 1000000,
+                                      .wrong = (uint64_t)wrong};
 }
 
 static void the_choice_is_the_most_accurate_within_the_budget(void **state)
@@ -31,25 +35,52 @@ static void the_choice_is_the_most_accurate_within_the_budget(void **state)
         int expected;
     } rows[] = {
         {"exactly the budget is within it",
-         {point(GN_REF_TIER_ROBUST, 1, 30, 5), point(GN_REF_TIER_CERTIFIED, 1.2, 0, 0)}, 2, 1.2, 1},
+         {point(GN_REF_TIER_ROBUST, 1, 30, 5), point(GN_REF_TIER_CERTIFIED, 1.2, 0, 0)},
+         2,
+         1.2,
+         1},
         {"just above is not",
-         {point(GN_REF_TIER_ROBUST, 1, 30, 5), point(GN_REF_TIER_CERTIFIED, up, 0, 0)}, 2, 1.2, 0},
+         {point(GN_REF_TIER_ROBUST, 1, 30, 5), point(GN_REF_TIER_CERTIFIED, up, 0, 0)},
+         2,
+         1.2,
+         0},
         {"fewer wrong decisions win over a smaller error of t",
-         {point(GN_REF_TIER_ROBUST, 1, 30, 0.5), point(GN_REF_TIER_DOUBLE, 1.1, 29, 7)}, 2, 1.2, 1},
+         {point(GN_REF_TIER_ROBUST, 1, 30, 0.5), point(GN_REF_TIER_DOUBLE, 1.1, 29, 7)},
+         2,
+         1.2,
+         1},
         {"and not being fast",
-         {point(GN_REF_TIER_FAST, 0.5, 31, 1), point(GN_REF_TIER_ROBUST, 1, 30, 1)}, 2, 1.2, 1},
+         {point(GN_REF_TIER_FAST, 0.5, 31, 1), point(GN_REF_TIER_ROBUST, 1, 30, 1)},
+         2,
+         1.2,
+         1},
         {"of equally many wrong ones the smaller error of t",
-         {point(GN_REF_TIER_FAST, 1, 7, 4), point(GN_REF_TIER_ROBUST, 1, 7, 5)}, 2, 1.2, 0},
+         {point(GN_REF_TIER_FAST, 1, 7, 4), point(GN_REF_TIER_ROBUST, 1, 7, 5)},
+         2,
+         1.2,
+         0},
         {"of equal ones the tier that promises more",
-         {point(GN_REF_TIER_DOUBLE, 0.9, 0, 0), point(GN_REF_TIER_CERTIFIED, 1.1, 0, 0)}, 2, 1.2, 1},
+         {point(GN_REF_TIER_DOUBLE, 0.9, 0, 0), point(GN_REF_TIER_CERTIFIED, 1.1, 0, 0)},
+         2,
+         1.2,
+         1},
         {"what the judge cannot tell apart is equal",
-         {point(GN_REF_TIER_DOUBLE, 0.9, 0, 1e-9), point(GN_REF_TIER_CERTIFIED, 1.1, 0, 1e-5)}, 2, 1.2, 1},
+         {point(GN_REF_TIER_DOUBLE, 0.9, 0, 1e-9), point(GN_REF_TIER_CERTIFIED, 1.1, 0, 1e-5)},
+         2,
+         1.2,
+         1},
         {"what it can is not",
-         {point(GN_REF_TIER_DOUBLE, 0.9, 0, 1e-9), point(GN_REF_TIER_CERTIFIED, 1.1, 0, 1e-3)}, 2, 1.2, 0},
+         {point(GN_REF_TIER_DOUBLE, 0.9, 0, 1e-9), point(GN_REF_TIER_CERTIFIED, 1.1, 0, 1e-3)},
+         2,
+         1.2,
+         0},
         {"a budget below every tier has none", {point(GN_REF_TIER_ROBUST, 1, 30, 5)}, 1, 0.99, -1},
         {"without points there is none", {{0}}, 0, 1.2, -1},
         {"a tier that hit nothing is as good as its decisions",
-         {point(GN_REF_TIER_ROBUST, 1, 5, 1), point(GN_REF_TIER_DOUBLE, 1, 0, (double)NAN)}, 2, 1.2, 1},
+         {point(GN_REF_TIER_ROBUST, 1, 5, 1), point(GN_REF_TIER_DOUBLE, 1, 0, (double)NAN)},
+         2,
+         1.2,
+         1},
     };
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         int choice = gn_accuracy_choose(rows[i].points, rows[i].count, rows[i].budget);
@@ -61,7 +92,8 @@ static void the_choice_is_the_most_accurate_within_the_budget(void **state)
 static void a_choice_with_more_gross_decisions_is_told(void **state)
 {
     (void)state;
-    struct gn_accuracy_point points[] = {point(GN_REF_TIER_FAST, 0.9, 10, 1), point(GN_REF_TIER_ROBUST, 1, 20, 1),
+    struct gn_accuracy_point points[] = {point(GN_REF_TIER_FAST, 0.9, 10, 1),
+                                         point(GN_REF_TIER_ROBUST, 1, 20, 1),
                                          point(GN_REF_TIER_CERTIFIED, 3, 0, 0)};
     points[0].gross = 8;
     points[1].gross = 7;
@@ -75,7 +107,8 @@ static void a_choice_with_more_gross_decisions_is_told(void **state)
 static void the_front_is_what_no_other_beats(void **state)
 {
     (void)state;
-    /* fast, robust (slower and no better), double, one as accurate as double but slower, exact, one without a value */
+    /* fast, robust (slower and no better), double, one as accurate as double but slower, exact, one without a
+     * value */
     const double times[] = {0.9, 1, 1.5, 1.6, 300, 1}, values[] = {50, 50, 3, 3, 0, (double)NAN};
     const bool expected[] = {true, false, true, false, true, false};
     bool found[6];
@@ -94,9 +127,9 @@ static void budgets_are_read(void **state)
     const struct {
         const char *text;
         double expected; /* 0: refused */
-    } rows[] = {{"1.2x", 1.2}, {"1.2", 1.2}, {"2X", 2},  {".5x", 0.5}, {"1e3", 1000}, {"", 0},   {"x", 0},    {"1.2xx", 0},
-                {"-1", 0},     {"0", 0},     {"nan", 0}, {"inf", 0},   {"1e7", 0},    {" 1", 0}, {"+1", 0}, {"1.2 x", 0},
-                {"1e999", 0}};
+    } rows[] = {{"1.2x", 1.2}, {"1.2", 1.2}, {"2X", 2}, {".5x", 0.5}, {"1e3", 1000}, {"", 0},
+                {"x", 0},      {"1.2xx", 0}, {"-1", 0}, {"0", 0},     {"nan", 0},    {"inf", 0},
+                {"1e7", 0},    {" 1", 0},    {"+1", 0}, {"1.2 x", 0}, {"1e999", 0}};
     for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
         double found = 0;
         bool ok = gn_accuracy_budget_parse(rows[i].text, &found);
@@ -111,9 +144,16 @@ static struct gn_accuracy made_up(struct gn_accuracy_row rows[10], struct gn_acc
     scenes[0] = (struct gn_accuracy_scene){.name = "one"};
     scenes[1] = (struct gn_accuracy_scene){.name = "two \"quoted\""};
     for (uint32_t i = 0; i < 10; i++) {
-        rows[i] = (struct gn_accuracy_row){.scene = i / 5, .aim = GN_AIM_VERTEX, .mode = GN_ACCURACY_BATCH,
-                                           .tier = (enum gn_ref_tier)(i % 5), .mrays_per_s = 1, .ratio_to_robust = 1,
-                                           .rays = 1000, .hits = 10, .t_error_median = 0.25, .t_error_max = i + 1};
+        rows[i] = (struct gn_accuracy_row){.scene = i / 5,
+                                           .aim = GN_AIM_VERTEX,
+                                           .mode = GN_ACCURACY_BATCH,
+                                           .tier = (enum gn_ref_tier)(i % 5),
+                                           .mrays_per_s = 1,
+                                           .ratio_to_robust = 1,
+                                           .rays = 1000,
+                                           .hits = 10,
+                                           .t_error_median = 0.25,
+                                           .t_error_max = i + 1};
     }
     rows[2].ratio_to_robust = 0.5;
     rows[7].ratio_to_robust = 2;
@@ -178,7 +218,8 @@ static void json_has_what_was_measured(void **state)
     assert_string_equal(yyjson_get_str(yyjson_obj_get(last, "mode")), "batch");
     assert_string_equal(yyjson_get_str(yyjson_obj_get(last, "tier")), "exact");
     assert_true(yyjson_is_null(yyjson_obj_get(last, "t_error_ulp_max")));
-    assert_double_equal(yyjson_get_num(yyjson_obj_get(yyjson_arr_get(list, 0), "wrong_per_million")), 5000, 1e-9);
+    assert_double_equal(yyjson_get_num(yyjson_obj_get(yyjson_arr_get(list, 0), "wrong_per_million")), 5000,
+                        1e-9);
     yyjson_doc_free(doc);
     free(text);
 }

@@ -63,11 +63,16 @@ static void expect_text(const char *path, const char *expected)
 static const struct {
     const char *key;
     bool text;
-} keys[] = {{"scene", true},        {"rays", true},
-            {"mode", true},         {"tier", true},
-            {"mrays_per_s", false}, {"ratio_to_robust", false},
-            {"wrong_per_million", false}, {"t_error_ulp_median", false},
-            {"t_error_ulp_max", false},   {"build_seconds", false},
+} keys[] = {{"scene", true},
+            {"rays", true},
+            {"mode", true},
+            {"tier", true},
+            {"mrays_per_s", false},
+            {"ratio_to_robust", false},
+            {"wrong_per_million", false},
+            {"t_error_ulp_median", false},
+            {"t_error_ulp_max", false},
+            {"build_seconds", false},
             {"bytes", false}};
 
 static void check_row(yyjson_val *row)
@@ -75,7 +80,8 @@ static void check_row(yyjson_val *row)
     assert_int_equal(yyjson_obj_size(row), sizeof keys / sizeof keys[0]);
     for (size_t k = 0; k < sizeof keys / sizeof keys[0]; k++) {
         yyjson_val *value = yyjson_obj_get(row, keys[k].key);
-        if (!value || (keys[k].text ? !yyjson_is_str(value) : !yyjson_is_num(value) && !yyjson_is_null(value)))
+        if (!value ||
+            (keys[k].text ? !yyjson_is_str(value) : !yyjson_is_num(value) && !yyjson_is_null(value)))
             fail_msg("%s: expected %s", keys[k].key, keys[k].text ? "a string" : "a number");
     }
     const char *tier = yyjson_get_str(yyjson_obj_get(row, "tier"));
@@ -96,7 +102,8 @@ static void check_row(yyjson_val *row)
 static void a_quick_run_writes_what_it_says(void **state)
 {
     (void)state;
-    static const char *const scenes[] = {"terrain", "terrain-2m", "blob", "slivers", "instances", "far", "soup"};
+    static const char *const scenes[] = {"terrain",   "terrain-2m", "blob", "slivers",
+                                         "instances", "far",        "soup"};
     static const char *const aims[] = {"interior", "edge", "vertex", "random"};
     static const char *const tiers[] = {"fast", "robust", "double", "certified", "exact"};
     int status = RUN("--quick", "--rays", "500", "--runs", "1", "--out", "q", "--budget", "1000x");
@@ -160,8 +167,8 @@ static void a_model_file_is_a_scene(void **state)
     assert_non_null(file);
     fputs("v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 1\nf 1 3 2\nf 1 2 4\nf 2 3 4\nf 1 4 3\n", file);
     fclose(file);
-    assert_int_equal(RUN("--quick", "--rays", "200", "--runs", "1", "--scene", "dir tetra.obj", "--scene", "soup", "--threads",
-                         "2", "--out", "m"),
+    assert_int_equal(RUN("--quick", "--rays", "200", "--runs", "1", "--scene", "dir tetra.obj", "--scene",
+                         "soup", "--threads", "2", "--out", "m"),
                      0);
     expect_text("m/accuracy.json", "\"scene\": \"dir tetra.obj\"");
     expect_text("m/accuracy.json", "\"scene\": \"soup\"");
