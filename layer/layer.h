@@ -177,6 +177,17 @@ enum gn_event_kind {
     GN_EVENT_EXECUTE
 };
 
+/* What was wrong with a build as it was recorded, for the rules to say when it is executed. */
+struct gn_fault {
+    bool is_clash;
+    union {
+        struct gn_input input;
+        struct gn_clash clash;
+    } of;
+    struct gn_as *structures[2]; /* whose names are in it */
+    struct gn_fault *next;
+};
+
 /* Something recorded. Events of one command share `command`, and later a position. */
 struct gn_event {
     enum gn_event_kind kind;
@@ -190,6 +201,7 @@ struct gn_event {
     struct gn_build_shape *shape; /* of a build or update; NULL: not known */
     struct gn_query_pool *pool;   /* of a question for the compacted size; NULL: not known */
     uint32_t query;
+    struct gn_fault *faults;
     struct gn_recording *secondary;
 };
 
@@ -384,6 +396,15 @@ struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_comma
                                        const struct gn_event *event);
 void gn_command_buffers_finish(struct gn_device *device);
 
+/* inputs.c: what can be said of a build as soon as it is recorded; with the device locked. Faults are appended to *out. */
+void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t index,
+                     const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_fault **out);
+/* Finds the elements of one command that use the same memory; `out` has a list per element. */
+void gn_inputs_check_together(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+                              const VkAccelerationStructureBuildRangeInfoKHR *const *ranges, uint32_t count,
+                              struct gn_fault **out);
+void gn_faults_free(struct gn_fault *fault);
+
 /* query.c: pools for compacted sizes; with the device locked. */
 struct gn_query_pool *gn_query_pool_get(struct gn_device *device, VkQueryPool handle);
 struct gn_query_pool *gn_query_pool_keep(struct gn_query_pool *pool);
@@ -420,8 +441,14 @@ struct gn_findings {
 };
 /* Runs the rules about a command. What they find is not counted yet: gn_report_confirm does that, and moves what is new to `out`. The
  * place of the command is asked only if there is something to find. */
-void gn_report_suspect(struct gn_instance *instance, struct gn_command *command,
-                       const char *(*place)(void *context), void *context, struct gn_findings *out);
+struct gn_suspect {
+    void (*judge)(const void *value, struct gn_report *report);
+    const void *value;
+    const char **place; /* the member of the value */
+    const char *(*make_place)(void *context);
+    void *context;
+};
+void gn_report_suspect(struct gn_instance *instance, const struct gn_suspect *suspect, struct gn_findings *out);
 void gn_report_confirm(struct gn_instance *instance, struct gn_pending_finding *finding, struct gn_findings *out);
 struct gn_pending_finding *gn_findings_take(struct gn_findings *findings);
 void gn_findings_init(struct gn_findings *findings);

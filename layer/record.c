@@ -28,6 +28,7 @@ void gn_recording_release(struct gn_device *device, struct gn_recording *recordi
         gn_as_release(event->source);
         gn_shape_release(event->shape);
         gn_query_pool_release(event->pool);
+        gn_faults_free(event->faults);
         if (event->capture)
             gn_staging_give(device, event->capture);
         free(event->capture);
@@ -429,12 +430,19 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
         tlas_count += infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
     if (tlas_count > sizeof few / sizeof few[0])
         copies = malloc(tlas_count * sizeof *copies);
+    struct gn_fault *few_faults[8] = {NULL}, **faults = few_faults;
+    if (count > sizeof few_faults / sizeof few_faults[0])
+        faults = calloc(count, sizeof *faults);
 
     gn_lock(device);
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
     uint32_t command = commands ? next_command(commands) : 0;
+    if (commands && faults && count > 1)
+        gn_inputs_check_together(device, infos, ranges, count, faults);
     for (uint32_t i = 0; commands && i < count; i++) {
         const VkAccelerationStructureBuildGeometryInfoKHR *info = &infos[i];
+        if (faults)
+            gn_inputs_check(device, infos, i, ranges[i], &faults[i]);
         bool update = info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
         struct gn_event event = {.kind = update ? GN_EVENT_UPDATE : GN_EVENT_BUILD,
                                  .command = command,
@@ -443,6 +451,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
                                  .is_tlas = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
                                  .is_update = update,
                                  .shape = gn_shape_create(info, ranges[i]),
+                                 .faults = faults ? faults[i] : NULL,
                                  .unjudged = GN_UNJUDGED_COUNT};
         if (event.is_tlas)
             event.unjudged = copies ? prepare_capture(device, commands, info, i, ranges[i], &event.capture,
@@ -451,8 +460,10 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
         bool captured = event.capture != NULL;
         if (gn_command_buffer_add(device, commands, &event)) {
             copy_count += captured;
-        } else if (captured) {
-            gn_staging_give(device, event.capture);
+        } else {
+            gn_faults_free(event.faults);
+            if (captured)
+                gn_staging_give(device, event.capture);
             free(event.capture);
         }
         gn_shape_release(event.shape);
@@ -464,5 +475,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
         record_copies(device, handle, copies, copy_count, simultaneous);
     if (copies != few)
         free(copies);
+    if (faults != few_faults)
+        free(faults);
     device->next.CmdBuildAccelerationStructuresKHR(handle, count, infos, ranges);
 }

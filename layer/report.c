@@ -111,22 +111,22 @@ static bool suspected(void *context, const struct gn_rule *rule, uint64_t site)
     return *(bool *)context = true;
 }
 
-void gn_report_suspect(struct gn_instance *instance, struct gn_command *command,
-                       const char *(*place)(void *context), void *context, struct gn_findings *out)
+void gn_report_suspect(struct gn_instance *instance, const struct gn_suspect *suspect, struct gn_findings *out)
 {
     bool any = false;
     struct gn_report report = {.profile = instance->settings.profile,
                                .enabled = instance->settings.rules,
                                .context = &any,
                                .repeated = suspected};
-    gn_rules_judge_command(command, &report);
+    suspect->judge(suspect->value, &report);
     if (any) {
         struct collector collector = {instance, out};
-        command->place = place(context);
+        *suspect->place = suspect->make_place(suspect->context);
         report.context = &collector;
         report.repeated = NULL;
         report.finding = collect;
-        gn_rules_judge_command(command, &report);
+        suspect->judge(suspect->value, &report);
+        *suspect->place = NULL;
     }
     pthread_mutex_lock(&instance->lock);
     for (size_t i = 0; i < gn_rules_count(); i++)

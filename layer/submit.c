@@ -262,20 +262,32 @@ static const char *place_text(void *context)
     return place->text;
 }
 
-static void suspect(struct replay *replay, const struct gn_event *event, enum gn_command_kind kind, uint64_t position)
+static void judge_command(const void *value, struct gn_report *report)
+{
+    gn_rules_judge_command(value, report);
+}
+
+static void judge_fault(const void *value, struct gn_report *report)
+{
+    const struct gn_fault *fault = value;
+    if (fault->is_clash)
+        gn_rules_judge_clash(&fault->of.clash, report);
+    else
+        gn_rules_judge_input(&fault->of.input, report);
+}
+
+/* Judges, and keeps what is found until the submission has completed. */
+static void suspect(struct replay *replay, const struct gn_event *event, struct gn_suspect *suspect, bool by_state,
+                    uint64_t position)
 {
     struct gn_device *device = replay->device;
-    uint32_t queue = replay->queue->id;
-    struct gn_command command = {.kind = kind,
-                                 .shape = event->shape ? &event->shape->shape : NULL,
-                                 .source = contents_of(event->source, queue, position),
-                                 .target = contents_of(event->target, queue, position)};
     struct place place = {.replay = replay, .event = event};
     struct gn_findings suspicions;
     struct gn_pending_finding *finding;
+    suspect->make_place = place_text;
+    suspect->context = &place;
     gn_findings_init(&suspicions);
-    gn_report_suspect(device->instance, &command, place_text, &place, &suspicions);
-    gn_tally_check(device, GN_CHECKED_commands, 1);
+    gn_report_suspect(device->instance, suspect, &suspicions);
     while ((finding = gn_findings_take(&suspicions))) {
         struct gn_submission *submission = submission_of(replay);
         struct gn_suspicion *suspicion = submission ? calloc(1, sizeof *suspicion) : NULL;
@@ -284,12 +296,40 @@ static void suspect(struct replay *replay, const struct gn_event *event, enum gn
             gn_tally_lost(device);
             continue;
         }
-        *suspicion = (struct gn_suspicion){.finding = finding,
-                                           .structures = {gn_as_keep(event->source), gn_as_keep(event->target)},
-                                           .queue = queue,
-                                           .position = position};
+        *suspicion = (struct gn_suspicion){.finding = finding, .queue = replay->queue->id, .position = position};
+        if (by_state) {
+            suspicion->structures[0] = gn_as_keep(event->source);
+            suspicion->structures[1] = gn_as_keep(event->target);
+        }
         *submission->last_suspicion = suspicion;
         submission->last_suspicion = &suspicion->next;
+    }
+}
+
+static void suspect_command(struct replay *replay, const struct gn_event *event, enum gn_command_kind kind, uint64_t position)
+{
+    uint32_t queue = replay->queue->id;
+    struct gn_command command = {.kind = kind,
+                                 .shape = event->shape ? &event->shape->shape : NULL,
+                                 .source = contents_of(event->source, queue, position),
+                                 .target = contents_of(event->target, queue, position)};
+    suspect(replay, event, &(struct gn_suspect){.judge = judge_command, .value = &command, .place = &command.place}, true,
+            position);
+    gn_tally_check(replay->device, GN_CHECKED_commands, 1);
+}
+
+static void suspect_faults(struct replay *replay, const struct gn_event *event, uint64_t position)
+{
+    for (struct gn_fault *fault = event->faults; fault; fault = fault->next) {
+        const char **place = fault->is_clash ? &fault->of.clash.place : &fault->of.input.place;
+        /* A name may have been given, or changed, since the recording. */
+        if (fault->is_clash) {
+            fault->of.clash.first_target.name = fault->structures[0]->name;
+            fault->of.clash.second_target.name = fault->structures[1]->name;
+        } else {
+            fault->of.input.target.name = fault->structures[0]->name;
+        }
+        suspect(replay, event, &(struct gn_suspect){.judge = judge_fault, .value = fault, .place = place}, false, position);
     }
 }
 
@@ -344,7 +384,8 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
         replay->touched = true;
         enum gn_command_kind kind = command_of(event);
         if (device->instance->judged_commands >> kind & 1)
-            suspect(replay, event, kind, position);
+            suspect_command(replay, event, kind, position);
+        suspect_faults(replay, event, position);
         if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)
             gn_query_asked(event->pool, event->query, event->source);
         if (!event->target)

@@ -199,6 +199,30 @@ void gn_rules_judge_command(const struct gn_command *command, struct gn_report *
     report->rule = NULL;
 }
 
+void gn_rules_judge_input(const struct gn_input *input, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_INPUT, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.input(input, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
+void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_CLASH, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.clash(clash, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
 static uint64_t mix(uint64_t hash, uint64_t value)
 {
     hash ^= value + UINT64_C(0x9E3779B97F4A7C15) + (hash << 6) + (hash >> 2);

@@ -37,7 +37,7 @@ struct gn_rule;
 struct gn_report;
 
 /* What a rule is about: which values its test takes. */
-enum gn_rule_event { GN_RULE_ON_TLAS_BUILD, GN_RULE_ON_COMMAND };
+enum gn_rule_event { GN_RULE_ON_TLAS_BUILD, GN_RULE_ON_COMMAND, GN_RULE_ON_INPUT, GN_RULE_ON_CLASH };
 
 #define GN_RULE_MAX_SOURCES 16
 
@@ -56,6 +56,8 @@ struct gn_rule {
     uint32_t commands; /* of a command: one bit per kind that the rule is about */
     union {
         void (*command)(const struct gn_command *command, struct gn_report *report);
+        void (*input)(const struct gn_input *input, struct gn_report *report);
+        void (*clash)(const struct gn_clash *clash, struct gn_report *report);
         void (*tlas_build)(const struct gn_tlas_build *build, struct gn_report *report);
     } test;
 };
@@ -107,6 +109,8 @@ void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_repo
 
 /* The same for rules about commands. gn_rules_about_command says beforehand whether there are any. */
 void gn_rules_judge_command(const struct gn_command *command, struct gn_report *report);
+void gn_rules_judge_input(const struct gn_input *input, struct gn_report *report);
+void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report);
 bool gn_rules_about_command(enum gn_command_kind kind, const struct gn_rule_set *enabled, enum gn_profile profile);
 
 /* For rules: the same severity in every profile. */

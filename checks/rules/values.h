@@ -118,6 +118,34 @@ struct gn_command {
     struct gn_contents source, target;
 };
 
+/* One array that a build reads: element i lies at address + offset + i * stride. */
+struct gn_input {
+    const char *place;
+    struct gn_object target;
+    uint64_t target_id;
+    uint32_t info, geometry;
+    const char *what; /* what the API calls it */
+    uint64_t address, offset;
+    uint64_t count, stride, element_size;
+    uint64_t bound; /* the most elements that were announced; 0: there is no such number */
+    uint64_t buffer_address, buffer_size; /* the buffer in which the array begins; size 0: not known */
+};
+
+/* Two elements of one build command that use the same memory, which nothing orders. */
+enum gn_clash_kind {
+    GN_CLASH_TARGETS, /* both write one structure */
+    GN_CLASH_SOURCE,  /* the second updates from the structure that the first writes */
+    GN_CLASH_SCRATCH  /* both have their scratch at one address, and both need some */
+};
+struct gn_clash {
+    enum gn_clash_kind kind;
+    const char *place;
+    uint32_t first, second; /* indices of pInfos */
+    struct gn_object first_target, second_target;
+    uint64_t first_id, second_id;
+    uint64_t address; /* of the scratch */
+};
+
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */
 struct gn_instance_record {
     float object_to_world[12];         /* three rows of four */

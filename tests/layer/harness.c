@@ -238,7 +238,7 @@ static VkAccelerationStructureGeometryKHR geometry_of(const struct structure *st
             .vertexFormat = VK_FORMAT_R32G32B32_SFLOAT,
             .vertexData.deviceAddress = structure->input.address,
             .vertexStride = 12,
-            .maxVertex = 2,
+            .maxVertex = structure->max_vertex,
             .indexType = VK_INDEX_TYPE_NONE_KHR};
     }
     return geometry;
@@ -291,7 +291,7 @@ struct structure blas_create(struct world *world, VkAccelerationStructureTypeKHR
                              VkBuildAccelerationStructureFlagsKHR flags)
 {
     static const float triangle[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
-    struct structure blas = {.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, .count = 1, .flags = flags};
+    struct structure blas = {.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, .count = 1, .max_vertex = 2, .flags = flags};
     blas.input = buffer_create(world, sizeof triangle, VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
     memcpy(blas.input.mapped, triangle, sizeof triangle);
     structure_fill(world, &blas, type);
@@ -395,7 +395,8 @@ void commands_build(struct world *world, VkCommandBuffer commands, struct struct
     for (uint32_t i = 0; i < count; i++) {
         geometries[i] = geometry_of(structures[i]);
         builds[i] = build_of(structures[i], &geometries[i]);
-        ranges[i] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = structures[i]->count};
+        ranges[i] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = structures[i]->count,
+                                                              .primitiveOffset = structures[i]->offset};
         range_pointers[i] = &ranges[i];
     }
     world->CmdBuildAccelerationStructuresKHR(commands, count, builds, range_pointers);

@@ -70,6 +70,8 @@ struct structure {
     uint32_t count;
     VkBuildAccelerationStructureFlagsKHR flags;
     VkGeometryFlagsKHR geometry_flags;
+    uint32_t max_vertex;      /* of a BLAS; 2 at first */
+    uint32_t offset;          /* primitiveOffset */
     bool owns_storage;
 };
 

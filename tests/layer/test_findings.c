@@ -891,6 +891,117 @@ static void nothing_waited_for(struct world *world)
     scene_destroy(&scene);
 }
 
+/* The memory goes on behind the buffer, so that the driver survives it. */
+static void shorten_input(struct world *world, struct structure *structure, VkDeviceSize size)
+{
+    buffer_destroy(world, &structure->input);
+    structure->input = buffer_create(world, 4096, VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
+    vkDestroyBuffer(world->device, structure->input.handle, NULL);
+    VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                               .size = size,
+                               .usage = VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                                        VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
+    assert_int_equal(vkCreateBuffer(world->device, &info, NULL, &structure->input.handle), VK_SUCCESS);
+    assert_int_equal(vkBindBufferMemory(world->device, structure->input.handle, structure->input.memory, 0), VK_SUCCESS);
+    VkBufferDeviceAddressInfo query = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO,
+                                       .buffer = structure->input.handle};
+    structure->input.address = vkGetBufferDeviceAddress(world->device, &query);
+}
+
+static void build_at_offset(struct world *world, struct structure *structure, VkDeviceSize size, uint32_t offset)
+{
+    shorten_input(world, structure, size);
+    structure->offset = offset;
+    structure_name(world, structure, "subject");
+    run_build(world, structure);
+}
+
+static void vertices_beyond_buffer(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0);
+    build_at_offset(world, &blas, 64, 32);
+    const struct message *message = messages_find(world, "inputs.beyond_buffer");
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "triangles.vertexData of pInfos[0].pGeometries[0], for BLAS \"subject\""));
+    structure_destroy(world, &blas);
+}
+
+static void instances_beyond_buffer(struct world *world)
+{
+    struct structure tlas = tlas_create(world, 2);
+    build_at_offset(world, &tlas, 191, 64);
+    structure_destroy(world, &tlas);
+}
+
+static void input_up_to_the_end(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), tlas = tlas_create(world, 2);
+    build_at_offset(world, &blas, 68, 32);
+    build_at_offset(world, &tlas, 192, 64);
+    structure_destroy(world, &tlas);
+    structure_destroy(world, &blas);
+}
+
+static void vertices_beyond_announced(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0);
+    blas.max_vertex = 1;
+    run_build(world, &blas);
+    structure_destroy(world, &blas);
+}
+
+static void build_two(struct world *world, struct structure *first, struct structure *second, bool at_once)
+{
+    struct structure *both[] = {first, second};
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build(world, commands, both, at_once ? 2 : 1);
+    commands_barrier(commands);
+    if (!at_once)
+        commands_build_one(world, commands, second);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+}
+
+static void one_target_twice(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), other = blas_create(world, BLAS, 0), again = blas;
+    again.scratch = other.scratch;
+    build_two(world, &blas, &again, true);
+    structure_destroy(world, &other);
+    structure_destroy(world, &blas);
+}
+
+static void one_scratch(struct world *world, bool at_once)
+{
+    struct structure first = blas_create(world, BLAS, 0), second = blas_create(world, BLAS, 0);
+    struct buffer own = second.scratch;
+    second.scratch = first.scratch;
+    build_two(world, &first, &second, at_once);
+    second.scratch = own;
+    structure_destroy(world, &second);
+    structure_destroy(world, &first);
+}
+
+static void one_scratch_twice(struct world *world)
+{
+    one_scratch(world, true);
+}
+
+static void one_scratch_in_turns(struct world *world)
+{
+    one_scratch(world, false);
+}
+
+static void faults_that_were_not_submitted(struct world *world)
+{
+    struct structure blas = blas_create(world, BLAS, 0), *both[] = {&blas, &blas};
+    VkCommandBuffer commands = commands_begin(world, 0);
+    world->above_khronos = false;
+    commands_build(world, commands, both, 2);
+    commands_end(commands);
+    structure_destroy(world, &blas);
+}
+
 static void run_update(struct world *world, struct structure *structure)
 {
     VkCommandBuffer commands = commands_begin(world, 0);
@@ -1208,6 +1319,15 @@ static const struct scenario {
     FIRES(wide_usage_flags, 1, "usage flags of 64 bits")
     FIRES(nothing_waited_for, 1, "the fence is destroyed at once after the wait")
     SILENT_IN("wgpu", built_in_same_call, "wgpu puts them in order")
+
+    FIRES_RULE(vertices_beyond_buffer, "inputs.beyond_buffer", "the offset moves them out of the buffer")
+    FIRES_RULE(instances_beyond_buffer, "inputs.beyond_buffer", "the offset moves the last one out of the buffer")
+    SILENT(input_up_to_the_end, "the last element ends with the buffer")
+    FIRES_RULE(vertices_beyond_announced, "inputs.beyond_max_vertex", "two of three are announced")
+    FIRES_RULE(one_target_twice, "build.same_target", "two builds of one BLAS in one command")
+    FIRES_RULE(one_scratch_twice, "build.same_scratch", "two builds in the same scratch memory")
+    SILENT(one_scratch_in_turns, "one after the other, with a barrier")
+    SILENT(faults_that_were_not_submitted, "what was never submitted did not happen")
 
     SILENT(updated, "built with ALLOW_UPDATE, and nothing changed")
     SILENT(updated_after_a_build_with_other_flags, "the last build counts")

@@ -411,6 +411,47 @@ static const struct command_row command_rows[] = {
 
 #define COMMAND_ROW_COUNT (sizeof command_rows / sizeof command_rows[0])
 
+struct input_row {
+    const char *rule, *name;
+    uint32_t expected;
+    const char *says;
+    uint64_t address, offset, count, stride, element_size, bound, buffer_address, buffer_size;
+};
+
+static const struct input_row input_rows[] = {
+    {"inputs.beyond_buffer", "one byte short", 1, "end at 0x1040, but the buffer in which they begin ends at 0x103f", 0x1000, 0, 4, 16,
+     16, 0, 0x1000, 63},
+    {"inputs.beyond_buffer", "just fits", 0, NULL, 0x1000, 0, 4, 16, 16, 0, 0x1000, 64},
+    {"inputs.beyond_buffer", "the last stride is not read", 0, NULL, 0x1000, 0, 4, 16, 12, 0, 0x1000, 60},
+    {"inputs.beyond_buffer", "offset", 1, "from 0x1000 + 16", 0x1000, 16, 4, 16, 16, 0, 0x1000, 64},
+    {"inputs.beyond_buffer", "nothing read", 0, NULL, 0x1000, 4096, 0, 16, 16, 0, 0x1000, 64},
+    {"inputs.beyond_buffer", "unknown buffer", 0, NULL, 0x1000, 0, 4, 16, 16, 0, 0, 0},
+    {"inputs.beyond_buffer", "product of 64 bits", 1, "beyond 2^64", 0x1000, 0, UINT64_C(1) << 60, 16, 16, 0, 0x1000, 64},
+    {"inputs.beyond_buffer", "product of 32 bits", 1, "end at 0x100000ff0", 0x1000, 0, 0x10000000, 16, 0, 0, 0x1000, 64},
+    {"inputs.beyond_buffer", "sum of 64 bits", 1, "beyond 2^64", UINT64_MAX - 64, 60, 1, 16, 16, 0, UINT64_MAX - 100, 80},
+    {"inputs.beyond_max_vertex", "one more", 1, "reads 4 vertices, but maxVertex announces 3", 0x1000, 0, 4, 16, 16, 3, 0, 0},
+    {"inputs.beyond_max_vertex", "as many", 0, NULL, 0x1000, 0, 3, 16, 16, 3, 0, 0},
+    {"inputs.beyond_max_vertex", "no vertices", 0, NULL, 0x1000, 0, 3, 16, 16, 0, 0, 0},
+};
+
+#define INPUT_ROW_COUNT (sizeof input_rows / sizeof input_rows[0])
+
+static const struct clash_row {
+    const char *rule, *name;
+    enum gn_clash_kind kind;
+    uint32_t expected;
+    const char *says;
+} clash_rows[] = {
+    {"build.same_target", "one target", GN_CLASH_TARGETS, 1, "pInfos[0] and pInfos[3] both write BLAS \"tree\""},
+    {"build.same_target", "source of another", GN_CLASH_SOURCE, 1,
+     "pInfos[3] updates BLAS \"bush\" (0x2) from BLAS \"tree\" (0x1), which pInfos[0] writes"},
+    {"build.same_target", "scratch", GN_CLASH_SCRATCH, 0, NULL},
+    {"build.same_scratch", "scratch", GN_CLASH_SCRATCH, 1, "the same scratch address 0x5500"},
+    {"build.same_scratch", "one target", GN_CLASH_TARGETS, 0, NULL},
+};
+
+#define CLASH_ROW_COUNT (sizeof clash_rows / sizeof clash_rows[0])
+
 #define ROW_COUNT (sizeof rows / sizeof rows[0])
 
 struct collected {
@@ -559,6 +600,45 @@ static void every_command_row(void **state)
     assert_int_equal(failures, 0);
 }
 
+static int expect_row(const char *rule, const char *name, uint32_t expected, const char *says, const struct collected *out)
+{
+    if (out->findings == expected && (!says || strstr(out->first, says)))
+        return 0;
+    print_error("%s, row \"%s\": expected %u findings saying \"%s\", found %u: \"%s\"\n", rule, name, expected, says ? says : "",
+                out->findings, out->first);
+    return 1;
+}
+
+static void every_input_row(void **state)
+{
+    (void)state;
+    int failures = 0;
+    for (size_t i = 0; i < INPUT_ROW_COUNT; i++) {
+        const struct input_row *row = &input_rows[i];
+        struct collected out = {.findings = 0};
+        struct gn_report report = report_into(&out);
+        struct gn_input input = {.target = {GN_OBJECT_BLAS, 1, "tree"}, .target_id = 1, .what = "aabbs.data",
+                                 .address = row->address, .offset = row->offset, .count = row->count, .stride = row->stride,
+                                 .element_size = row->element_size, .bound = row->bound,
+                                 .buffer_address = row->buffer_address, .buffer_size = row->buffer_size};
+        enable_only(&report, row->rule);
+        gn_rules_judge_input(&input, &report);
+        failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
+    }
+    for (size_t i = 0; i < CLASH_ROW_COUNT; i++) {
+        const struct clash_row *row = &clash_rows[i];
+        struct collected out = {.findings = 0};
+        struct gn_report report = report_into(&out);
+        struct gn_clash clash = {.kind = row->kind, .second = 3, .first_target = {GN_OBJECT_BLAS, 1, "tree"},
+                                 .second_target = {GN_OBJECT_BLAS, 2, "bush"}, .first_id = 1, .second_id = 2,
+                                 .address = 0x5500};
+        enable_only(&report, row->rule);
+        gn_rules_judge_clash(&clash, &report);
+        failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
+    }
+    assert_int_equal(failures, 0);
+}
+
 static void every_rule_fires_and_stays_silent(void **state)
 {
     (void)state;
@@ -572,6 +652,12 @@ static void every_rule_fires_and_stays_silent(void **state)
         for (size_t i = 0; i < COMMAND_ROW_COUNT; i++)
             if (strcmp(command_rows[i].rule, gn_rules_at(r)->id) == 0)
                 command_rows[i].expected ? firing++ : silent++;
+        for (size_t i = 0; i < INPUT_ROW_COUNT; i++)
+            if (strcmp(input_rows[i].rule, gn_rules_at(r)->id) == 0)
+                input_rows[i].expected ? firing++ : silent++;
+        for (size_t i = 0; i < CLASH_ROW_COUNT; i++)
+            if (strcmp(clash_rows[i].rule, gn_rules_at(r)->id) == 0)
+                clash_rows[i].expected ? firing++ : silent++;
         if (!firing || !silent) {
             print_error("%s has %d firing and %d silent rows; it needs both\n", gn_rules_at(r)->id, firing, silent);
             failures++;
@@ -754,6 +840,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_row),
         cmocka_unit_test(every_command_row),
+        cmocka_unit_test(every_input_row),
         cmocka_unit_test(every_rule_fires_and_stays_silent),
         cmocka_unit_test(every_block_is_complete),
         cmocka_unit_test(disabled_rules_do_not_run),
