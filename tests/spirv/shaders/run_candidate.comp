@@ -5,7 +5,7 @@
 void main()
 {
     rayQueryEXT q;
-    START(q, CHOSEN ? gl_RayFlagsOpaqueEXT : gl_RayFlagsNoOpaqueEXT);
+    START(q, CHOSEN ? gl_RayFlagsOpaqueEXT | gl_RayFlagsSkipAABBEXT : gl_RayFlagsNoOpaqueEXT);
     rayQueryProceedEXT(q);
     SHOW(rayQueryGetIntersectionPrimitiveIndexEXT(q, false));
 }

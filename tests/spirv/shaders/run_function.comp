@@ -10,7 +10,7 @@ void main()
     rayQueryEXT local;
     if (!CHOSEN)
         START(local, gl_RayFlagsOpaqueEXT);
-    START(global, gl_RayFlagsOpaqueEXT);
+    START(global, gl_RayFlagsOpaqueEXT | gl_RayFlagsSkipAABBEXT);
     if (CHOSEN)
         rayQueryProceedEXT(global);
     rayQueryProceedEXT(global);
