@@ -191,6 +191,27 @@ static void block_set(struct builder *builder, uint32_t leaf, uint32_t lane, uin
     }
 }
 
+static bool is_multiple(double value, double quantum)
+{
+    return rint(value / quantum) * quantum == value;
+}
+
+/*
+ * 2^-46 of the extent, so that differences of multiples of it that are up to 64 times the extent are exact in f64:
+ * certified.h says what for. Only coordinates that are nearly 0 are finer.
+ */
+static bool leaf_is_fine(const struct builder *builder, const struct proposal *p)
+{
+    const uint32_t *ids = (const uint32_t *)p->below;
+    double quantum = builder->bvh->quantum;
+    for (uint32_t i = 0; quantum > 0 && i < p->primitive_count; i++)
+        for (int v = 0; v < 3; v++)
+            for (int axis = 0; axis < 3; axis++)
+                if (!is_multiple(builder->triangles[ids[i]][v].w[axis], quantum))
+                    return true;
+    return false;
+}
+
 static uint32_t leaf_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
 {
     uint32_t index = builder->bvh->leaf_count++;
@@ -201,7 +222,7 @@ static uint32_t leaf_emit(struct builder *builder, const struct proposal *p, str
         bounds_extend(out_bounds, &bounds);
         block_set(builder, index, i, ids[i]);
     }
-    return index | GN_REF_LEAF_BIT;
+    return index | GN_REF_LEAF_BIT | (leaf_is_fine(builder, p) ? GN_REF_FINE_BIT : 0);
 }
 
 static uint32_t node_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
@@ -249,6 +270,8 @@ static void centre_choose(struct builder *builder)
         double centre = (float)(rint((lower + (upper - lower) / 2) / step) * step);
         frexp(centre, &exponent);
         bvh->centre[axis] = centre;
+        bvh->quantum = ldexp(1, size_exponent - 46);
+        bvh->inverse_quantum = ldexp(1, 46 - size_exponent);
         builder->quantum[axis] = ldexp(1, (centre != 0 && exponent > size_exponent ? exponent : size_exponent) - 50);
     }
 }
@@ -278,8 +301,8 @@ static float moderate(float value)
 
 static void *allocate(struct builder *builder, uint64_t count, size_t size)
 {
-    if (count >= GN_REF_LEAF_BIT) {
-        fail(builder, "the tree needs %llu entries, the limit is %u", (unsigned long long)count, GN_REF_LEAF_BIT - 1);
+    if (count >= GN_REF_FINE_BIT) {
+        fail(builder, "the tree needs %llu entries, the limit is %u", (unsigned long long)count, GN_REF_FINE_BIT - 1);
         return NULL;
     }
     void *memory = NULL;
@@ -333,6 +356,7 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
     arguments.maxBranchingFactor = GN_REF_NODE_WIDTH;
     arguments.maxDepth = GN_REF_MAX_DEPTH - 8; /* the builder may go a few levels beyond */
     arguments.sahBlockSize = GN_REF_NODE_WIDTH;
+    arguments.minLeafSize = GN_REF_NODE_WIDTH / 2;
     arguments.maxLeafSize = GN_REF_NODE_WIDTH;
     arguments.bvh = memory;
     arguments.primitives = primitives;
@@ -366,6 +390,8 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
         out->blocks_f32 = allocate(&builder, counts[1], sizeof *out->blocks_f32);
     else
         out->blocks_f64 = allocate(&builder, counts[1], sizeof *out->blocks_f64);
+    if (!out->blocks_f32)
+        out->quantum = 0;
     if (!out->nodes || (!out->boxes && !out->blocks_f32 && !out->blocks_f64))
         goto out;
     struct gn_ref_bounds root_bounds;

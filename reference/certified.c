@@ -2,24 +2,21 @@
 /* The closest triangle, fast: what surrounds the kernels of certified.h, and the stages below their filter. */
 #include "reference/certified.h"
 
-#include <float.h>
 #include <math.h>
 #include <stdatomic.h>
 #include <stdlib.h>
 #include <string.h>
 
-/* Below this the processor's caches hold the tree, and one ray after the other is faster than many in flight. */
-#define IN_CACHE_BYTES (UINT64_C(3) << 19)
+/* Trees up to this stay in the second-level cache of today's processors. */
+#define FITS_CACHE_BYTES (UINT64_C(3) << 19)
+/* Below this, one ray after the other is as fast as many in flight, or faster. */
+#define FLY_BYTES (UINT64_C(1) << 19)
 
-static float round_down(double value)
-{
-    float rounded = (float)value;
-    return (double)rounded > value ? nextafterf(rounded, -INFINITY) : rounded;
-}
+static atomic_bool fly_always;
 
-static float round_up(double value)
+void gn_ref_certified_fly_always(bool always)
 {
-    return -round_down(-value);
+    atomic_store(&fly_always, always);
 }
 
 /* The kernels. */
@@ -27,17 +24,19 @@ static float round_up(double value)
 struct kernel {
     const char *name;
     gn_ref_certified_run *run;
+    gn_ref_certified_start *start;
 };
 
-static bool kernel_find(const char *name, struct kernel *out)
+/* NULL when this machine has none of that name. */
+static const struct kernel *kernel_find(const char *name)
 {
     static const struct kernel kernels[] = {
 #ifdef GN_REF_X86_KERNELS
-        {"avx512", gn_ref_certified_run_avx512},
-        {"avx2", gn_ref_certified_run_avx2},
+        {"avx512", gn_ref_certified_run_avx512, gn_ref_certified_start_avx512},
+        {"avx2", gn_ref_certified_run_avx2, gn_ref_certified_start_avx2},
 #endif
-        {"portable", gn_ref_certified_run_portable},
-        {"none", NULL},
+        {"portable", gn_ref_certified_run_portable, gn_ref_certified_start_portable},
+        {"none", NULL, NULL},
     };
     for (size_t i = 0; i < sizeof kernels / sizeof kernels[0]; i++) {
         bool runs = true;
@@ -50,98 +49,39 @@ static bool kernel_find(const char *name, struct kernel *out)
         else if (i == 1)
             runs = avx2;
 #endif
-        if (runs && (!name || strcmp(name, kernels[i].name) == 0)) {
-            *out = kernels[i];
-            return true;
-        }
+        if (runs && (!name || strcmp(name, kernels[i].name) == 0))
+            return &kernels[i];
     }
-    return false;
+    return NULL;
 }
 
-static _Atomic(gn_ref_certified_run *) chosen;
-static atomic_bool chosen_ready;
+static _Atomic(const struct kernel *) chosen;
 
 bool gn_ref_certified_force(const char *name)
 {
-    struct kernel kernel;
-    if (!kernel_find(name, &kernel))
-        return false;
-    atomic_store(&chosen, kernel.run);
-    atomic_store(&chosen_ready, true);
-    return true;
+    const struct kernel *kernel = kernel_find(name);
+    if (kernel)
+        atomic_store(&chosen, kernel);
+    return kernel != NULL;
 }
 
-static gn_ref_certified_run *kernel_choose(void)
+static const struct kernel *kernel_choose(void)
 {
-    if (!atomic_load_explicit(&chosen_ready, memory_order_acquire)) {
-        const char *name = getenv("GNOMON_REFERENCE_KERNEL");
-        if (!name || !gn_ref_certified_force(name))
-            gn_ref_certified_force(NULL);
-    }
-    return atomic_load_explicit(&chosen, memory_order_relaxed);
+    const struct kernel *kernel = atomic_load_explicit(&chosen, memory_order_acquire);
+    if (kernel)
+        return kernel;
+    const char *name = getenv("GNOMON_REFERENCE_KERNEL");
+    if (!name || !gn_ref_certified_force(name))
+        gn_ref_certified_force(NULL);
+    return atomic_load(&chosen);
 }
 
 /* A ray, and what is found about it. */
 
-bool gn_ref_flight_start(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
-{
-    const struct gn_ref_bvh *bvh = &scene->bvh;
-    double p[3], reach = 0;
-    int z = 0;
-    for (int axis = 0; axis < 3; axis++) {
-        p[axis] = (double)ray->origin[axis] - bvh->centre[axis];
-        double far = fabs(p[axis]) + bvh->half[axis];
-        reach = far > reach ? far : reach;
-        if (fabsf(ray->direction[axis]) > fabsf(ray->direction[z]))
-            z = axis;
-    }
-    reach *= 1 + 0x1p-40;
-    if (!(reach >= GN_REF_LEAST_REACH && reach <= GN_REF_MOST_REACH))
-        return false;
-    int x = z == 2 ? 0 : z + 1, y = z == 0 ? 2 : z - 1;
-    double depth = ray->direction[z], length = fabs(depth), inverse_length = 1 / depth;
-    double delta = 4 * 0x1p-24 * reach;
-    for (int axis = 0; axis < 3; axis++) {
-        double d = ray->direction[axis];
-        double inverse = fabs(d) >= length * 0x1p-30 ? length / d : d < 0 ? -0x1p30 : 0x1p30;
-        flight->scale[axis] = (float)inverse;
-        flight->near_bias[axis] = (float)(p[axis] * inverse + delta * fabs(inverse));
-        flight->far_bias[axis] = (float)(p[axis] * inverse - delta * fabs(inverse));
-        uint32_t lower = (uint32_t)(offsetof(struct gn_ref_node, lower) + (size_t)axis * sizeof(float[GN_REF_NODE_WIDTH]));
-        uint32_t upper = (uint32_t)(offsetof(struct gn_ref_node, upper) + (size_t)axis * sizeof(float[GN_REF_NODE_WIDTH]));
-        flight->near_offset[axis] = inverse < 0 ? upper : lower;
-        flight->far_offset[axis] = inverse < 0 ? lower : upper;
-    }
-    const int axes[3] = {x, y, z};
-    for (int i = 0; i < 3; i++) {
-        flight->offset[i] = (uint32_t)axes[i] * GN_REF_NODE_WIDTH;
-        flight->origin[i] = ray->origin[axes[i]];
-        flight->direction[i] = ray->direction[axes[i]];
-    }
-    flight->shear[0] = ray->direction[x] * inverse_length;
-    flight->shear[1] = ray->direction[y] * inverse_length;
-    flight->sign = depth < 0 ? -1 : 1;
-    flight->length = length;
-    flight->eps = 8 * 0x1p-53 * reach;
-    flight->s_first = ray->tmin * length + 0.0;
-    flight->s_last = ray->tmax * length;
-    flight->s_first_f32 = round_down(fmin(flight->s_first, FLT_MAX));
-    flight->s_limit_f32 = round_up(fmin(flight->s_last, reach));
-    flight->plain = !scene->masked && (ray->cull_mask & 0xFF) != 0 &&
-                    (ray->flags & (GN_REF_RAY_CULL_BACK_FACING | GN_REF_RAY_CULL_FRONT_FACING |
-                                   GN_REF_RAY_CULL_OPAQUE | GN_REF_RAY_CULL_NO_OPAQUE)) == 0;
-    flight->current = 0;
-    flight->depth = 0;
-    flight->best.id = GN_REF_NONE;
-    flight->best.upper = INFINITY;
-    flight->ray = ray;
-    return true;
-}
-
 static void take(struct gn_ref_flight *flight, const struct gn_ref_candidate *candidate, const struct gn_ref_scene *scene)
 {
     flight->best = *candidate;
-    float limit = round_up(candidate->upper);
+    float limit = gn_ref_f32_up(candidate->upper);
     if (limit < flight->s_limit_f32)
         flight->s_limit_f32 = limit;
     __builtin_prefetch(&scene->primitives[candidate->id]);
@@ -327,9 +267,12 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
     const struct gn_ref_scene *scene = call->scene;
     if (best->id == GN_REF_NONE)
         return 0;
-    bool opaque;
-    gn_ref_trace_admits(scene, flight->ray, best->id, &opaque);
-    bool front = gn_ref_trace_front(scene, best->id, best->sum_sign);
+    /* What is the same for the whole scene is not looked up. */
+    bool opaque = scene->opacity == 1, front = best->sum_sign < 0;
+    if (scene->opacity < 0 || (flight->ray->flags & (GN_REF_RAY_OPAQUE | GN_REF_RAY_NO_OPAQUE)))
+        gn_ref_trace_admits(scene, flight->ray, best->id, &opaque);
+    if (scene->turned)
+        front = gn_ref_trace_front(scene, best->id, best->sum_sign);
     if (!gn_ref_candidate_accurate(best)) {
         struct gn_ref_found found = {.id = best->id, .t_error = INFINITY, .front = front, .opaque = opaque};
         gn_ref_trace_hit_write(slow_stage(call, flight), &found, out);
@@ -354,9 +297,11 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
 
 /* Calls. */
 
-static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene *scene)
+static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene *scene, const struct kernel *kernel)
 {
     call->scene = scene;
+    call->start = kernel->start;
+    call->fits_cache = gn_ref_bvh_bytes(&scene->bvh) <= FITS_CACHE_BYTES;
     call->filtered = 0;
     call->slow_ray = NULL;
     gn_ref_environment_enter(&call->environment);
@@ -375,7 +320,7 @@ static void call_end(struct gn_ref_certified *call)
 
 /* What needs no traversal: 1 when the flight has been started, 0 and the answer otherwise. */
 static bool ray_begin(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct gn_ref_ray *ray,
-                      gn_ref_certified_run *run, struct gn_ref_hit *out_hit, int *out_found)
+                      struct gn_ref_hit *out_hit, int *out_found)
 {
     const struct gn_ref_scene *scene = call->scene;
     if (!scene->committed || !gn_ref_trace_ray_valid(ray)) {
@@ -386,7 +331,7 @@ static bool ray_begin(struct gn_ref_certified *call, struct gn_ref_flight *fligh
         *out_found = 0;
         return false;
     }
-    if (!run || !gn_ref_flight_start(flight, scene, ray)) {
+    if (!call->start || !call->start(flight, scene, ray)) {
         *out_found = gn_ref_trace_closest_any(scene, ray, out_hit);
         return false;
     }
@@ -399,7 +344,7 @@ bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *
         size_t i = call->next++;
         int found;
         flight->index = i;
-        if (ray_begin(call, flight, &call->rays[i], kernel_choose(), &call->hits[i], &found))
+        if (ray_begin(call, flight, &call->rays[i], &call->hits[i], &found))
             return true;
         call->found[i] = (int8_t)found;
     }
@@ -416,11 +361,11 @@ int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const 
 {
     struct gn_ref_certified call;
     struct gn_ref_flight flight;
-    gn_ref_certified_run *run = kernel_choose();
+    const struct kernel *kernel = kernel_choose();
     int found;
-    call_begin(&call, scene);
-    if (ray_begin(&call, &flight, ray, run, out_hit, &found)) {
-        run(&call, &flight);
+    call_begin(&call, scene, kernel);
+    if (ray_begin(&call, &flight, ray, out_hit, &found)) {
+        kernel->run(&call, &flight);
         found = flight_answer(&call, &flight, out_hit);
     }
     call_end(&call);
@@ -431,20 +376,19 @@ void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, cons
                                           size_t count, struct gn_ref_hit *out_hits, int8_t *out_found)
 {
     struct gn_ref_certified call;
-    gn_ref_certified_run *run = kernel_choose();
-    call_begin(&call, scene);
+    const struct kernel *kernel = kernel_choose();
+    call_begin(&call, scene, kernel);
     call.rays = rays;
     call.count = count;
     call.next = 0;
     call.hits = out_hits;
     call.found = out_found;
-    uint64_t bytes = gn_ref_bvh_bytes(&scene->bvh);
-    if (run && bytes > IN_CACHE_BYTES) {
-        run(&call, NULL);
+    if (kernel->run && (gn_ref_bvh_bytes(&scene->bvh) > FLY_BYTES || atomic_load(&fly_always))) {
+        kernel->run(&call, NULL);
     } else {
         struct gn_ref_flight flight;
         while (gn_ref_certified_next(&call, &flight)) {
-            run(&call, &flight);
+            kernel->run(&call, &flight);
             gn_ref_certified_end(&call, &flight);
         }
     }

@@ -29,6 +29,19 @@
  * to be wrong by: eps = 8 u R + 3 e still covers it. The error E = eps (1.5 n + 4 eps) is computed with n over all
  * three vertices, for all three edge functions.
  *
+ * Where w - o is exact, that can be had much sharper: when the tree's vertices are f32 and multiples of its quantum q
+ * (leaves without GN_REF_FINE_BIT), the ray's origin is too, and R < 2^52 q, for then the difference is a multiple of q
+ * below 2^53 q. With fused products, S in two parts, S_1 an f32 and S_2 = (d_x - S_1 d_z) / d_z, whose numerator is exact
+ * (a product of 48 bits, and a difference that is below the 24th bit of d_x): S_1 + S_2 is wrong by 2^-53 2^-24 at most, as
+ * |S| <= 1. x = a_x - S_1 a_z is within 2^-24 R of the final one and wrong by u |x| + u 2^-24 R from rounding; then
+ * - S_2 a_z adds u |x| and R 2^-77 for S. Together 2 u |x| + h, h = 2^-75 R. An edge function B_x C_y - B_y C_x then is
+ * wrong by 4 u (|B_x C_y| + |B_y C_x|) + h n + terms of second order from the coordinates, and by 2 u (|B_x C_y| + |B_y C_x|)
+ * from rounding. The sum in parentheses is at most (|B_x| + |B_y|) (|C_x| + |C_y|) <= n^2 / 4, so that
+ *     E = 2 u n^2 + 1.25 h n + 4 h^2
+ * covers it. (In fine leaves, and where products are rounded, the two parts of S cost one more rounding of x than the
+ * one S of other rays: from a, from the product, from two differences of at most 2 R, 7 u R in all. eps covers it.)
+ * Both forms are E = (c_1 n + c_2) n + c_3.
+ *
  * s of a triangle that is certainly met: edge functions U, V, W are all of one sign, beyond E. S = U + V + W is wrong by
  * at most E_S = 3.5 E + 8 u |S| (a margin for its own rounding), which has to be below |S| / 64. b = V / S, computed as V times
  * the rounded reciprocal: 0 < b < 1 + 4u, wrong by less than
@@ -41,6 +54,8 @@
  */
 #ifndef GNOMON_REFERENCE_CERTIFIED_H
 #define GNOMON_REFERENCE_CERTIFIED_H
+
+#include <string.h>
 
 #include "reference/trace_internal.h"
 
@@ -65,23 +80,24 @@ static inline bool gn_ref_candidate_accurate(const struct gn_ref_candidate *cand
     return candidate->s_error <= 0x1p-42 * candidate->s && candidate->barycentric_error <= 0x1p-42;
 }
 
-#define GN_REF_STACK_SIZE (GN_REF_MAX_DEPTH * GN_REF_NODE_WIDTH)
+#define GN_REF_STACK_SIZE ((GN_REF_MAX_DEPTH + 1) * GN_REF_NODE_WIDTH)
 
 /* One ray on its way. */
 struct gn_ref_flight {
     /* The slab test: s = bound * scale - bias; offsets into a node in bytes of what is met first and last. */
-    float scale[3];
-    float near_bias[3], far_bias[3];
-    uint32_t near_offset[3], far_offset[3];
+    float scale[4];
+    float near_bias[4], far_bias[4];
+    uint32_t near_offset[4], far_offset[4];
     float s_first_f32; /* rounded down */
     float s_limit_f32; /* rounded up: no larger s is of interest */
     /* The filter, in the order of axes x, y, z = k. */
     uint32_t offset[3]; /* of the axis in a block, in lanes */
     double origin[3];
-    double shear[2];
+    double shear[2], shear_rest[2];
     double sign; /* of d_k */
     double direction[3];
     double eps; /* 8 u R */
+    double bound[3]; /* c_1, c_2, c_3 of certified.h, for leaves that are not fine */
     double s_first, s_last; /* tmin and tmax times |d_k|, which is exact */
     bool plain; /* no mask, culling or opacity flag can keep a triangle from being met */
     uint32_t current; /* the child to be visited next */
@@ -93,9 +109,39 @@ struct gn_ref_flight {
     uint64_t stack[GN_REF_STACK_SIZE]; /* where the box is entered, as the bits of an f32, above the child */
 };
 
+/* Prepares a flight. False when the ray is outside the range above. */
+typedef bool gn_ref_certified_start(struct gn_ref_flight *flight, const struct gn_ref_scene *scene,
+                                    const struct gn_ref_ray *ray);
+gn_ref_certified_start gn_ref_certified_start_portable;
+gn_ref_certified_start gn_ref_certified_start_avx2;
+gn_ref_certified_start gn_ref_certified_start_avx512;
+
+/* The next f32 that is not above or not below a number that is at least 0. */
+static inline float gn_ref_f32_down(double value)
+{
+    float rounded = (float)value;
+    uint32_t bits;
+    memcpy(&bits, &rounded, sizeof bits);
+    bits -= (double)rounded > value;
+    memcpy(&rounded, &bits, sizeof bits);
+    return rounded;
+}
+
+static inline float gn_ref_f32_up(double value)
+{
+    float rounded = (float)value;
+    uint32_t bits;
+    memcpy(&bits, &rounded, sizeof bits);
+    bits += (double)rounded < value;
+    memcpy(&rounded, &bits, sizeof bits);
+    return rounded;
+}
+
 /* One call: what its rays share. */
 struct gn_ref_certified {
     const struct gn_ref_scene *scene;
+    gn_ref_certified_start *start; /* NULL: no kernel is to be used */
+    bool fits_cache; /* the tree is so small that nothing has to be asked for ahead */
     struct gn_ref_environment environment;
     uint64_t filtered, wide, exact;
     /* For what the filter cannot decide; of the ray that last needed it. */
@@ -110,8 +156,6 @@ struct gn_ref_certified {
     int8_t *found;
 };
 
-/* False when the ray is outside the range above. */
-bool gn_ref_flight_start(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray);
 /* The next ray of the batch that needs a flight; false when there is none. */
 bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *flight);
 /* Writes the answer of a flight that has ended. */
@@ -135,5 +179,8 @@ gn_ref_certified_run gn_ref_certified_run_avx512;
  * tests: all give the same answers.
  */
 bool gn_ref_certified_force(const char *name);
+
+/* Batches take their rays in flight however small the scene is. For tests. */
+void gn_ref_certified_fly_always(bool always);
 
 #endif

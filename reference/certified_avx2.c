@@ -74,6 +74,8 @@ static inline unsigned ids_used(const uint32_t *ids)
     return ~(unsigned)_mm256_movemask_ps(_mm256_castsi256_ps(none)) & 0xFF;
 }
 
+#define FUSED 1
 #define GN_REF_KERNEL gn_ref_certified_run_avx2
+#define GN_REF_KERNEL_START gn_ref_certified_start_avx2
 #include "reference/certified_kernel.h"
 #endif

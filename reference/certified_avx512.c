@@ -38,6 +38,8 @@ static inline unsigned ids_used(const uint32_t *ids)
     return _mm256_cmpneq_epi32_mask(_mm256_loadu_si256((const __m256i *)(const void *)ids), _mm256_set1_epi32(-1));
 }
 
+#define FUSED 1
 #define GN_REF_KERNEL gn_ref_certified_run_avx512
+#define GN_REF_KERNEL_START gn_ref_certified_start_avx512
 #include "reference/certified_kernel.h"
 #endif

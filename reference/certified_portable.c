@@ -85,5 +85,7 @@ static inline unsigned ids_used(const uint32_t *ids)
     return mask;
 }
 
+#define FUSED 0
 #define GN_REF_KERNEL gn_ref_certified_run_portable
+#define GN_REF_KERNEL_START gn_ref_certified_start_portable
 #include "reference/certified_kernel.h"

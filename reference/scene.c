@@ -464,6 +464,7 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
     clock_gettime(CLOCK_MONOTONIC, &start);
 
     uint64_t totals[2] = {0};
+    bool any = false; /* geometry of an instance */
     uint32_t most_positions = 0;
     scene->instance_data = calloc(scene->instance_count ? scene->instance_count : 1, sizeof *scene->instance_data);
     if (!scene->instance_data) {
@@ -482,8 +483,14 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
         instance_prepare(&scene->instance_data[i], instance->transform);
         const struct gn_ref_blas *blas = &scene->blases[instance->blas];
         scene->masked |= instance->mask != 0xFF;
+        scene->turned |= scene->instance_data[i].determinant_sign < 0 || (instance->flags & GN_REF_INSTANCE_FLIP_FACING);
         for (uint32_t g = 0; g < blas->geometry_count; g++) {
             totals[blas->geometries[g].type] += blas->geometries[g].primitive_count;
+            int opaque = (blas->geometries[g].flags & GN_REF_GEOMETRY_OPAQUE) != 0;
+            if (instance->flags & (GN_REF_INSTANCE_FORCE_OPAQUE | GN_REF_INSTANCE_FORCE_NO_OPAQUE))
+                opaque = (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE) != 0;
+            scene->opacity = !any ? opaque : scene->opacity == opaque ? opaque : -1;
+            any = true;
             if (blas->geometries[g].position_count > most_positions)
                 most_positions = blas->geometries[g].position_count;
         }

@@ -50,9 +50,12 @@ struct gn_ref_block_f64 {
 };
 
 #define GN_REF_LEAF_BIT 0x80000000u
+/* With the leaf bit: some vertex of the leaf is not a multiple of gn_ref_bvh::quantum. */
+#define GN_REF_FINE_BIT 0x40000000u
 /*
  * Bounds relative to the tree's centre, which contain what is below (rounded outward). bound + centre is an f64
- * exactly. An unused child has lower > upper and is GN_REF_NONE; a leaf is its index with GN_REF_LEAF_BIT.
+ * exactly. An unused child has lower > upper and is GN_REF_NONE; a leaf is its index with GN_REF_LEAF_BIT and perhaps
+ * GN_REF_FINE_BIT.
  */
 struct gn_ref_node {
     float lower[3][GN_REF_NODE_WIDTH];
@@ -70,6 +73,8 @@ struct gn_ref_bvh {
     uint32_t (*boxes)[GN_REF_NODE_WIDTH]; /* indices of primitives, then GN_REF_NONE */
     double centre[3];
     double half[3]; /* no bound is larger in magnitude; may be infinite */
+    double quantum; /* a power of two, or 0; the vertices of blocks_f32 are multiples but for those of fine leaves */
+    double inverse_quantum;
 };
 
 struct gn_ref_bounds {
@@ -118,6 +123,8 @@ struct gn_ref_scene {
     struct gn_ref_bvh bvh; /* of the triangles */
     struct gn_ref_bvh box_bvh;
     bool masked; /* some instance's mask is not 0xFF */
+    bool turned; /* some instance is mirrored or flips its facing */
+    int opacity; /* of every geometry of every instance, their flags considered: 1, 0, or -1 when they differ */
     char error[320];
 };
 

@@ -485,7 +485,7 @@ static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
         if (top.t > trace->limit * (1 + 0x1p-48))
             continue;
         if (top.child & GN_REF_LEAF_BIT) {
-            leaf_visit(trace, bvh, top.child & ~GN_REF_LEAF_BIT);
+            leaf_visit(trace, bvh, top.child & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT));
             continue;
         }
         const struct gn_ref_node *node = &bvh->nodes[top.child];

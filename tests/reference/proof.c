@@ -9,6 +9,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "reference/certified.h"
+
 #define RAYS_PER_SCENE 512
 #define MOST_HITS 4096
 
@@ -112,13 +114,6 @@ static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *or
         if (what)
             return what;
     }
-    struct gn_ref_hit batched;
-    int8_t batched_found;
-    gn_ref_trace_closest_triangles_exact(scene, ray, 1, &batched, &batched_found);
-    if (batched_found != found)
-        return "whether a batch has a closest triangle";
-    if (found && difference(&batched, &closest))
-        return "a batch's closest triangle";
     for (size_t i = 0; i + 1 < right_count; i++) {
         *out_at = i;
         if (right[i].type != GN_REF_TRIANGLES || right[i + 1].type != GN_REF_TRIANGLES)
@@ -154,6 +149,24 @@ struct job {
     const struct gn_ref_scene *shared_scene;
 };
 
+/* The batch gives what single rays give, with all the rays of a scene in flight. */
+static void check_batch(const struct gn_ref_scene *scene, const char *name, uint64_t seed, const struct gn_ref_ray *rays,
+                        size_t count, struct proof_counts *counts)
+{
+    struct gn_ref_hit hits[RAYS_PER_SCENE], hit;
+    int8_t found[RAYS_PER_SCENE];
+    gn_ref_trace_closest_triangles_exact(scene, rays, count, hits, found);
+    for (size_t i = 0; i < count; i++) {
+        const char *what = NULL;
+        if (found[i] != gn_ref_trace_closest_triangle_exact(scene, &rays[i], &hit))
+            what = "whether a batch has a closest triangle";
+        else if (found[i] == 1)
+            what = difference(&hits[i], &hit);
+        if (what)
+            describe(counts, name, seed, &rays[i], what, i);
+    }
+}
+
 static void piece_run(struct job *job, uint64_t piece, struct proof_counts *counts, struct gn_ref_hit *hits,
                       struct oracle *shared_oracle)
 {
@@ -178,6 +191,7 @@ static void piece_run(struct job *job, uint64_t piece, struct proof_counts *coun
     if (last > job->options->rays)
         last = job->options->rays;
     struct oracle_counters before = oracle_counters(oracle);
+    struct gn_ref_ray rays[RAYS_PER_SCENE];
     for (uint64_t i = first; i < last; i++) {
         static const enum aim aims[10] = {AIM_EDGE, AIM_VERTEX, AIM_EDGE, AIM_VERTEX, AIM_INTERIOR,
                                           AIM_EDGE, AIM_VERTEX, AIM_EDGE, AIM_VERTEX, AIM_RANDOM};
@@ -188,7 +202,9 @@ static void piece_run(struct job *job, uint64_t piece, struct proof_counts *coun
         counts->aimed += aim == AIM_EDGE || aim == AIM_VERTEX;
         if (what)
             describe(counts, job->family->name, seed, &ray, what, at);
+        rays[i - first] = ray;
     }
+    check_batch(scene, job->family->name, seed, rays, (size_t)(last - first), counts);
     struct oracle_counters after = oracle_counters(oracle);
     counts->pairs_excluded += after.excluded - before.excluded;
     counts->pairs_exact += after.exact - before.exact;
@@ -233,6 +249,7 @@ static void job_run(struct job *job, struct proof_counts *out)
 {
     pthread_t threads[64];
     int count = job->options->threads < 1 ? 1 : job->options->threads > 64 ? 64 : job->options->threads;
+    gn_ref_certified_fly_always(true);
     job->pieces = (job->options->rays + RAYS_PER_SCENE - 1) / RAYS_PER_SCENE;
     pthread_mutex_init(&job->lock, NULL);
     for (int i = 0; i < count; i++)

@@ -6,6 +6,7 @@
 #include <time.h>
 
 #include "proof.h"
+#include "reference/certified.h"
 
 static double seconds(void)
 {
@@ -49,9 +50,12 @@ int main(int argc, char **argv)
             options.threads = atoi(value);
         else if (value && strcmp(argv[i], "--family") == 0)
             only = value;
+        else if (value && strcmp(argv[i], "--kernel") == 0 && gn_ref_certified_force(value))
+            continue;
         else {
-            fprintf(stderr, "usage: reference_proof [--rays N] [--large N] [--seed S] [--threads T] [--family NAME]\n"
-                            "  --rays: in all families together; --large: against 131,072 triangles\n");
+            fprintf(stderr, "usage: reference_proof [--rays N] [--large N] [--seed S] [--threads T] [--family NAME] [--kernel K]\n"
+                            "  --rays: in all families together; --large: against 131,072 triangles\n"
+                            "  --kernel: avx512, avx2, portable or none, as far as this machine has it\n");
             return 2;
         }
     }

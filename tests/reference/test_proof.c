@@ -13,6 +13,7 @@
 #include <stdio.h>
 
 #include "proof.h"
+#include "reference/certified.h"
 
 #define SEED 20240917
 
@@ -37,6 +38,33 @@ static void family_agrees(void **state)
     struct proof_counts counts;
     proof_family(family, &options, &counts);
     check(family->name, &counts, options.rays);
+}
+
+/* Every kernel that this machine has, the f64 traversal included: fewer rays, all families. */
+static void kernels_agree(void **state)
+{
+    (void)state;
+    static const char *const kernels[] = {"none", "portable", "avx2", "avx512"};
+    struct proof_options options = {.seed = SEED + 1, .rays = proof_scaled(5000), .threads = 2};
+    for (size_t k = 0; k < sizeof kernels / sizeof kernels[0]; k++) {
+        if (!gn_ref_certified_force(kernels[k])) {
+            print_message("this machine has no %s\n", kernels[k]);
+            continue;
+        }
+        struct proof_counts counts;
+        for (uint32_t f = 0; f < family_count; f++) {
+            proof_family(&families[f], &options, &counts);
+            if (counts.differences)
+                print_error("%s: %llu differences, the first: %s\n", kernels[k], (unsigned long long)counts.differences,
+                            counts.first);
+            assert_int_equal(counts.differences, 0);
+        }
+        options.rays = proof_scaled(1000);
+        proof_large(256, &options, &counts);
+        assert_int_equal(counts.differences, 0);
+        options.rays = proof_scaled(5000);
+    }
+    assert_true(gn_ref_certified_force(NULL));
 }
 
 static void large_mesh_agrees(void **state)
@@ -66,6 +94,7 @@ int main(void)
     for (uint32_t f = 0; f < family_count; f++)
         tests[count++] = (struct CMUnitTest){families[f].name, family_agrees, NULL, NULL, (void *)(uintptr_t)&families[f]};
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(large_mesh_agrees);
+    tests[count++] = (struct CMUnitTest)cmocka_unit_test(kernels_agree);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(forgotten_triangle_is_noticed);
     return _cmocka_run_group_tests("reference.proof", tests, count, NULL, NULL);
 }
