@@ -238,8 +238,8 @@ static uint32_t initialize_condition(struct writer *writer, const struct ray *ra
     case GN_SPIRV_RULE_INITIALIZE_CULL_PAIR: return several(writer, masked(writer, ray->flags, 0x130));
     case GN_SPIRV_RULE_INITIALIZE_OPACITY_PAIR: return several(writer, masked(writer, ray->flags, 0xC3));
     case GN_SPIRV_RULE_INITIALIZE_UNKNOWN_FLAGS:
-        return both(writer, SpvOpINotEqual, masked(writer, ray->flags, ~known_flags(writer->module)),
-                    constant_uint(writer, 0));
+        out = masked(writer, ray->flags, ~known_flags(writer->module));
+        return both(writer, SpvOpINotEqual, out, constant_uint(writer, 0));
     default:
         out = both(writer, SpvOpUGreaterThan, ray->mask, constant_uint(writer, 0xFF));
         return both(writer, SpvOpLogicalAnd, out,
@@ -351,10 +351,14 @@ void shadow_update(struct writer *writer, const struct site *site)
     const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
     uint32_t query = inst_word(writer->module, inst, site->operation->query_word), uint_ = type_uint(writer);
     if (site->operation->kind == OPERATION_INITIALIZE) {
-        if (group->needs_state)
-            EMIT(&writer->out, SpvOpStore, shadow_pointer(writer, query, false), constant_uint(writer, INITIALIZED));
-        if (group->needs_tmax)
-            EMIT(&writer->out, SpvOpStore, shadow_pointer(writer, query, true), inst_word(writer->module, inst, 8));
+        if (group->needs_state) {
+            uint32_t pointer = shadow_pointer(writer, query, false), value = constant_uint(writer, INITIALIZED);
+            EMIT(&writer->out, SpvOpStore, pointer, value);
+        }
+        if (group->needs_tmax) {
+            uint32_t pointer = shadow_pointer(writer, query, true);
+            EMIT(&writer->out, SpvOpStore, pointer, inst_word(writer->module, inst, 8));
+        }
     } else if (site->operation->kind == OPERATION_PROCEED && group->needs_state) {
         /* A query that was never initialized stays so: each later operation on it is one more report. */
         bool doubtful = site->states & STATE_UNINITIALIZED;

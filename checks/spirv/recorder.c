@@ -95,6 +95,13 @@ bool records_prepare(struct writer *writer)
             }
         }
     }
+    /* First, in this order: C leaves open in which order the operands of a call are made, and ids must not depend on it. */
+    type_void(writer);
+    type_bool(writer);
+    type_uint(writer);
+    type_float(writer);
+    type_uint3(writer);
+    type_bool3(writer);
     /* Arrays and structures of its own: those of the module may carry other decorations. */
     uint32_t array = new_id(writer), structure = new_id(writer);
     uint32_t uint_ = type_uint(writer);
@@ -135,9 +142,8 @@ static uint32_t atomic_add(struct writer *writer, uint32_t index, uint32_t value
         if (inst->opcode == SpvOpMemoryModel && inst_word(writer->module, inst, 2) == SpvMemoryModelVulkan)
             scope = SpvScopeQueueFamily;
     }
-    uint32_t word = buffer_word(writer, index);
-    return COMPUTE(writer, SpvOpAtomicIAdd, type_uint(writer), word, constant_uint(writer, scope), constant_uint(writer, 0),
-                   value);
+    uint32_t word = buffer_word(writer, index), scope_id = constant_uint(writer, scope), relaxed = constant_uint(writer, 0);
+    return COMPUTE(writer, SpvOpAtomicIAdd, type_uint(writer), word, scope_id, relaxed, value);
 }
 
 static void invocation_load(struct writer *writer, uint32_t out[3])
