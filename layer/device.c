@@ -5,7 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Recognised and named in the closing statement, not judged. `builds_unseen`: its commands build BLASes that the layer does
+/* Recognised and named in the closing statement, not judged. `builds_unseen`: its commands create or build BLASes that the layer does
  * not see, so that nothing can be said about what was never built. */
 static const struct {
     const char *name;
@@ -14,9 +14,11 @@ static const struct {
     {"VK_NV_ray_tracing", false},
     {"VK_NV_ray_tracing_motion_blur", false},
     {"VK_EXT_opacity_micromap", false},
+    {"VK_KHR_opacity_micromap", false},
     {"VK_NV_displacement_micromap", false},
     {"VK_NV_cluster_acceleration_structure", true},
     {"VK_NV_partitioned_acceleration_structure", true},
+    {"VK_KHR_device_address_commands", true},
     {"VK_NV_ray_tracing_invocation_reorder", false},
     {"VK_EXT_ray_tracing_invocation_reorder", false},
     {"VK_AMDX_dense_geometry_format", false},
@@ -56,6 +58,7 @@ static void note_extensions(struct gn_device *device, const VkDeviceCreateInfo *
             continue;
         if (unjudged_extensions[i].builds_unseen) {
             device->copies = false;
+            device->builds_unseen = true;
             device->no_copies_because = GN_UNJUDGED_cluster_builds;
         }
         pthread_mutex_lock(&instance->lock);
@@ -134,7 +137,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
     device->valid_instance_flags =
         VK_GEOMETRY_INSTANCE_TRIANGLE_FACING_CULL_DISABLE_BIT_KHR | VK_GEOMETRY_INSTANCE_TRIANGLE_FLIP_FACING_BIT_KHR |
         VK_GEOMETRY_INSTANCE_FORCE_OPAQUE_BIT_KHR | VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR |
-        (has_extension(info, VK_EXT_OPACITY_MICROMAP_EXTENSION_NAME)
+        (has_extension(info, VK_EXT_OPACITY_MICROMAP_EXTENSION_NAME) || has_extension(info, "VK_KHR_opacity_micromap")
              ? VK_GEOMETRY_INSTANCE_FORCE_OPACITY_MICROMAP_2_STATE_EXT | VK_GEOMETRY_INSTANCE_DISABLE_OPACITY_MICROMAPS_EXT
              : 0);
     pthread_mutex_init(&device->lock, NULL);

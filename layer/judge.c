@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* From instance records to values: every reference is looked up among the structures that lived when the build ran, and the
  * rules see the result. */
+#include "checks/rules/survey.h"
 #include "layer/layer.h"
 
 #include <stdio.h>
@@ -13,6 +14,7 @@ struct roll {
     uint32_t queue;
     uint64_t position;
     const struct gn_as *tlas;
+    bool partial;
     bool by_handle; /* references are handles, as in builds on the host */
     struct gn_structure *structures;
     uint32_t *uses;
@@ -34,6 +36,9 @@ static bool grow(struct roll *roll)
     roll->capacity = capacity;
     return true;
 }
+
+/* So many records are read for all purposes while they are in the processor's cache. */
+#define CHUNK 256u
 
 /* UINT32_MAX - 2 stands for "no memory": the caller gives up. */
 #define NO_MEMORY 0xFFFFFFFDu
@@ -78,41 +83,46 @@ static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_i
     uint32_t *refers_to = malloc((count ? count : 1) * sizeof *refers_to);
     uint64_t unknown = 0, unordered = 0, last_reference = 0;
     uint32_t last = GN_REFERENCE_NULL;
-    if (!refers_to)
-        goto fail;
-    for (uint32_t i = 0; i < count; i++) {
-        uint64_t reference = records[i].reference;
-        if (i == 0 || reference != last_reference || last == GN_REFERENCE_UNKNOWN) {
-            last = look_up(roll, reference);
-            last_reference = reference;
-        } else if (last < roll->count) {
-            roll->uses[last]++;
-        }
-        if (last == NO_MEMORY)
-            goto fail;
-        unknown += last == GN_REFERENCE_UNKNOWN;
-        refers_to[i] = last;
-    }
-    for (uint32_t i = 0; i < roll->count; i++)
-        if (roll->structures[i].built == GN_BUILT_UNORDERED && !roll->structures[i].destroyed)
-            unordered += roll->uses[i];
-    bool references_sure = roll->by_handle || !device->addressless;
-    if (references_sure)
-        unknown = 0;
     const struct gn_settings *settings = &device->instance->settings;
-
+    struct gn_survey survey = {.active = 0};
     struct gn_tlas_build build = {.tlas = {GN_OBJECT_TLAS, (uint64_t)tlas->handle, tlas->name},
                                   .tlas_id = tlas->id,
                                   .place = place,
                                   .instance_count = count,
+                                  .partial = roll->partial,
                                   .instances = records,
                                   .refers_to = refers_to,
-                                  .structure_count = roll->count,
-                                  .structures = roll->structures,
-                                  .references_sure = references_sure,
                                   .valid_flags = device->valid_instance_flags,
                                   .declared_masks = settings->masks_declared ? settings->declared_masks : NULL,
-                                  .custom_index_bound = settings->custom_index_bound};
+                                  .custom_index_bound = settings->custom_index_bound,
+                                  .survey = &survey};
+    if (!refers_to)
+        goto fail;
+    for (uint32_t start = 0; start < count; start += CHUNK) {
+        uint32_t end = count - start < CHUNK ? count : start + CHUNK;
+        for (uint32_t i = start; i < end; i++) {
+            uint64_t reference = records[i].reference;
+            if (i == 0 || reference != last_reference || last == GN_REFERENCE_UNKNOWN) {
+                last = look_up(roll, reference);
+                last_reference = reference;
+            } else if (last < roll->count) {
+                roll->uses[last]++;
+            }
+            if (last == NO_MEMORY)
+                goto fail;
+            unknown += last == GN_REFERENCE_UNKNOWN;
+            refers_to[i] = last;
+        }
+        gn_survey_add(&build, start, end - start, &survey);
+    }
+    for (uint32_t i = 0; i < roll->count; i++)
+        if (roll->structures[i].built == GN_BUILT_UNORDERED && !roll->structures[i].destroyed)
+            unordered += roll->uses[i];
+    build.structure_count = roll->count;
+    build.structures = roll->structures;
+    build.references_sure = unknown && (roll->by_handle || !device->addressless);
+    if (build.references_sure)
+        unknown = 0;
     gn_report_judge(device->instance, &build, out);
     gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
     gn_tally_check(device, GN_CHECKED_instances, count - unknown - unordered);
@@ -153,7 +163,8 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
         if (recording->events[i].target)
             recording->events[i].target->mark = judgement->position;
     struct roll roll = {
-        .device = device, .queue = judgement->queue, .position = judgement->position, .tlas = judgement->tlas};
+        .device = device, .queue = judgement->queue, .position = judgement->position, .tlas = judgement->tlas,
+        .partial = capture->partial};
     judge(&roll, judgement->tlas, capture->records, capture->record_count, place, out);
 }
 
@@ -161,7 +172,7 @@ _Static_assert(sizeof(VkAccelerationStructureInstanceKHR) == sizeof(struct gn_in
                "the rules read instance records as they lie in memory");
 
 void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAccelerationStructureInstanceKHR *const *records,
-                   uint32_t count, uint64_t position, uint32_t info, struct gn_findings *out)
+                   uint32_t count, bool partial, uint64_t position, uint32_t info, struct gn_findings *out)
 {
     struct gn_instance_record *copy = malloc((count ? count : 1) * sizeof *copy);
     if (!copy) {
@@ -172,7 +183,8 @@ void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAcceler
         memcpy(&copy[i], records[i], sizeof *copy);
     char place[128];
     snprintf(place, sizeof place, "vkBuildAccelerationStructuresKHR, pInfos[%u], on the host", info);
-    struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .tlas = tlas, .by_handle = true};
+    struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .tlas = tlas,
+                        .partial = partial, .by_handle = true};
     judge(&roll, tlas, copy, count, place, out);
     free(copy);
 }

@@ -160,6 +160,7 @@ struct gn_capture {
     VkDeviceSize offset;
     const struct gn_instance_record *records;
     uint32_t record_count;
+    bool partial; /* the build reads more than these */
     uint32_t info, geometry; /* pInfos[info].pGeometries[geometry] */
     struct gn_judgement *pending;
 };
@@ -296,6 +297,7 @@ struct gn_device {
     bool tracked;            /* has acceleration structures; nothing below is in use otherwise */
     bool copies;             /* instance records can be copied on this device */
     enum gn_unjudged no_copies_because;
+    bool builds_unseen;      /* an extension creates or builds structures by commands that the layer does not see */
     VkPhysicalDeviceMemoryProperties memory;
     uint32_t families[16];   /* the queue families in use; beyond these nothing is copied */
     uint32_t family_count;
@@ -432,7 +434,7 @@ struct gn_findings;
 void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judgement, struct gn_findings *out);
 /* A TLAS build on the host, whose references are handles. */
 void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAccelerationStructureInstanceKHR *const *records,
-                   uint32_t count, uint64_t position, uint32_t info, struct gn_findings *out);
+                   uint32_t count, bool partial, uint64_t position, uint32_t info, struct gn_findings *out);
 
 /* report.c */
 struct gn_pending_finding;

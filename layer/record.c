@@ -385,6 +385,7 @@ static enum gn_unjudged prepare_capture(struct gn_device *device, const struct g
         return GN_UNJUDGED_no_copy_memory;
     }
     capture->record_count = count;
+    capture->partial = count < ranges->primitiveCount;
     capture->info = index;
     *out_capture = capture;
     *out_copy = (struct copy){.from = source->handle,

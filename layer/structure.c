@@ -356,7 +356,7 @@ static void host_judge(struct gn_device *device, const VkAccelerationStructureBu
                              : &((const VkAccelerationStructureInstanceKHR *)(const void *)data)[i];
         struct gn_as *tlas = gn_as_get(device, info->dstAccelerationStructure);
         if (tlas)
-            gn_judge_host(device, tlas, records, count, position, index, findings);
+            gn_judge_host(device, tlas, records, count, count < ranges[g].primitiveCount, position, index, findings);
         free(records);
     }
 }
@@ -387,7 +387,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BuildAccelerationStructuresKHR(
             gn_tally_unjudged(device, GN_UNJUDGED_deferred, 1);
         else if (infos[i].flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV)
             gn_tally_unjudged(device, GN_UNJUDGED_motion, 1);
-        else if (!device->copies && device->no_copies_because == GN_UNJUDGED_cluster_builds)
+        else if (device->builds_unseen)
             gn_tally_unjudged(device, GN_UNJUDGED_cluster_builds, 1);
         else
             host_judge(device, &infos[i], i, ranges[i], position, &findings);

@@ -383,7 +383,9 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
         }
         replay->touched = true;
         enum gn_command_kind kind = command_of(event);
-        if (device->instance->judged_commands >> kind & 1)
+        if (device->builds_unseen && kind != GN_COMMAND_KIND_COUNT)
+            gn_tally_unjudged(device, GN_UNJUDGED_cluster_commands, 1);
+        else if (device->instance->judged_commands >> kind & 1)
             suspect_command(replay, event, kind, position);
         suspect_faults(replay, event, position);
         if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)

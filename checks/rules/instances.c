@@ -213,7 +213,7 @@ static void mask_zero(const struct gn_tlas_build *build, struct gn_report *repor
 {
     const struct gn_survey_class *found = &report->survey->mask_zero;
     uint64_t site;
-    if (found->count < report->survey->active || !begin(build, report, found, &site))
+    if (build->partial || found->count < report->survey->active || !begin(build, report, found, &site))
         return;
     char tlas_text[256];
     gn_report_add(report, site, &build->tlas, 1, "the mask of each of the %u active instances of %s is 0: no ray can hit any of them. Found in %s.",

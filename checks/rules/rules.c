@@ -156,14 +156,13 @@ static bool applies(size_t index, enum gn_rule_event on, const struct gn_report 
 
 void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_report *report)
 {
-    struct gn_survey survey;
-    bool surveyed = false;
+    struct gn_survey survey = {.active = 0};
+    report->survey = build->survey;
     for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
         if (!applies(i, GN_RULE_ON_TLAS_BUILD, report))
             continue;
-        if (catalogue[i]->surveys && !surveyed) {
-            gn_survey_instances(build, &survey);
-            surveyed = true;
+        if (catalogue[i]->surveys && !report->survey) {
+            gn_survey_add(build, 0, build->instance_count, &survey);
             report->survey = &survey;
         }
         report->rule = catalogue[i];

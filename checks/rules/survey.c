@@ -67,11 +67,6 @@ static int orientation_slow(const float m[12])
     return terms[count - 1] > 0 ? 1 : -1; /* the largest term decides */
 }
 
-static double absolute(double value)
-{
-    return value < 0 ? -value : value;
-}
-
 int gn_transform_orientation_exact(const float m[12])
 {
     double a = (double)m[0] * ((double)m[5] * m[10]), b = (double)m[1] * ((double)m[6] * m[8]);
@@ -80,7 +75,7 @@ int gn_transform_orientation_exact(const float m[12])
     double value = (a + b + c) - (d + e + f);
     /* Each product is rounded once, each of five additions once: in all at most 6 units of 2^-53 times the sum of the
      * magnitudes, with terms of second order far below the two units to spare. The sum itself may be rounded down a little. */
-    double bound = (absolute(a) + absolute(b) + absolute(c) + absolute(d) + absolute(e) + absolute(f)) * 0x1p-50;
+    double bound = (__builtin_fabs(a) + __builtin_fabs(b) + __builtin_fabs(c) + __builtin_fabs(d) + __builtin_fabs(e) + __builtin_fabs(f)) * 0x1p-50;
     if (value > bound)
         return 1;
     if (value < -bound)
@@ -94,21 +89,26 @@ static void note(struct gn_survey_class *out, uint32_t index)
         out->first = index;
 }
 
-/* The exponent of a float is all ones in infinities and NaNs: one more there carries into the sign. */
-static uint32_t finite_sign(uint32_t word)
+static bool is_finite(uint32_t word)
 {
-    return (word & 0x7FFFFFFFu) + 0x00800000u;
+    return (word & 0x7F800000u) != 0x7F800000u;
 }
 
-/* Which of the 12 floats are not finite: the top bit of out[0] for the 3x3 part, of out[1] for the translation. */
-static void not_finite(const uint32_t *words, uint32_t out[2])
+/* Whether all 12 floats lie below 2^64 in magnitude, and the 3x3 part is invertible for certain. This is what nearly every instance
+ * passes, and cheap: anything that it leaves open is looked at again. Products of three are rounded twice, sums three times, so that
+ * 16 units of 2^-24 of the sum of magnitudes are more than enough; what is lost to underflow is at most 9 * 2^64 * 2^-149; and where
+ * something overflows, no comparison with infinity holds. */
+static bool is_plain(const float m[12])
 {
-    uint32_t columns[4] = {0, 0, 0, 0};
-    for (int row = 0; row < 3; row++)
-        for (int column = 0; column < 4; column++)
-            columns[column] |= finite_sign(words[row * 4 + column]);
-    out[0] = columns[0] | columns[1] | columns[2];
-    out[1] = columns[3];
+    uint32_t words[12], unusual = 0;
+    memcpy(words, m, sizeof words);
+    for (int i = 0; i < 12; i++)
+        unusual |= (words[i] & 0x7FFFFFFFu) + 0x20800000u; /* 2^64 and above carry into the sign */
+    float a = m[0] * (m[5] * m[10]), b = m[1] * (m[6] * m[8]), c = m[2] * (m[4] * m[9]);
+    float d = m[2] * (m[5] * m[8]), e = m[1] * (m[4] * m[10]), f = m[0] * (m[6] * m[9]);
+    float value = __builtin_fabsf((a + b + c) - (d + e + f));
+    float sum = (__builtin_fabsf(a) + __builtin_fabsf(b) + __builtin_fabsf(c)) + (__builtin_fabsf(d) + __builtin_fabsf(e) + __builtin_fabsf(f));
+    return !(unusual >> 31) && value > sum * 0x1p-20f && value > 0x1p-60f;
 }
 
 /* Whether word `i` carried out of the 24 bits of the index: three neighbours rise by the same small step, and the mask changes with
@@ -124,11 +124,10 @@ static bool carries(const struct gn_instance_record *instances, uint32_t count, 
            (i + 1 < count && instances[i + 1].custom_index_and_mask - word == step);
 }
 
-void gn_survey_instances(const struct gn_tlas_build *build, struct gn_survey *out)
+void gn_survey_add(const struct gn_tlas_build *build, uint32_t first, uint32_t count, struct gn_survey *out)
 {
-    memset(out, 0, sizeof *out);
-    uint32_t last_mask = build->instance_count ? build->instances[0].custom_index_and_mask >> 24 : 0;
-    for (uint32_t i = 0; i < build->instance_count; i++) {
+    uint32_t last_mask = count ? build->instances[first ? first - 1 : 0].custom_index_and_mask >> 24 : 0;
+    for (uint32_t i = first; i < first + count; i++) {
         const struct gn_instance_record *instance = &build->instances[i];
         uint32_t mask = instance->custom_index_and_mask >> 24;
         if (mask != last_mask) {
@@ -147,13 +146,16 @@ void gn_survey_instances(const struct gn_tlas_build *build, struct gn_survey *ou
             note(&out->index_above, i);
         if (instance->sbt_offset_and_flags >> 24 & ~build->valid_flags)
             note(&out->bad_flags, i);
+        if (is_plain(instance->object_to_world))
+            continue;
         uint32_t words[12];
+        bool finite = true;
         memcpy(words, instance->object_to_world, sizeof words);
-        uint32_t infinite[2];
-        not_finite(words, infinite);
-        if (infinite[1] >> 31)
+        for (int k = 0; k < 12; k++)
+            finite &= k % 4 == 3 || is_finite(words[k]);
+        if (!is_finite(words[3]) || !is_finite(words[7]) || !is_finite(words[11]))
             note(&out->bad_translation, i);
-        if (infinite[0] >> 31 || gn_transform_orientation_exact(instance->object_to_world) == 0)
+        if (!finite || gn_transform_orientation_exact(instance->object_to_world) == 0)
             note(&out->bad_matrix, i);
     }
 }

@@ -30,7 +30,8 @@ struct gn_survey {
     struct gn_survey_class carry;           /* see gn_rule_custom_index_overflow; `first` is the instance after the carry */
 };
 
-void gn_survey_instances(const struct gn_tlas_build *build, struct gn_survey *out);
+/* Adds the instances [first, first + count) of the build to a survey that was all zero at first, in rising order. */
+void gn_survey_add(const struct gn_tlas_build *build, uint32_t first, uint32_t count, struct gn_survey *out);
 
 /* The sign of the determinant of the 3x3 part of an object-to-world transform: -1, 0 or 1, exact for every finite input. */
 int gn_transform_orientation_exact(const float object_to_world[12]);

@@ -163,6 +163,7 @@ struct gn_tlas_build {
     uint64_t tlas_id;
     const char *place; /* which command, command buffer and submission, for messages */
     uint32_t instance_count;
+    bool partial; /* the build reads more instances than these */
     const struct gn_instance_record *instances;
     const uint32_t *refers_to; /* per instance: index into `structures`, or GN_REFERENCE_* */
     uint32_t structure_count;
@@ -171,6 +172,7 @@ struct gn_tlas_build {
     uint32_t valid_flags;         /* the instance flags that exist on the device, as in the upper 8 bits */
     const uint64_t *declared_masks; /* 256 bits, one per mask that the application means to use; NULL: not declared */
     uint32_t custom_index_bound;  /* every custom index is declared to be below; 0: not declared */
+    const struct gn_survey *survey; /* of all instances (survey.h); NULL: the library makes it */
 };
 
 #ifdef __cplusplus

@@ -570,6 +570,21 @@ static void an_update_that_may_follow_a_build_is_not_accused(void **state)
     }
 }
 
+/* A cluster command may have built it. */
+static void nothing_is_accused_beside_commands_that_are_not_followed(void **state)
+{
+    struct fixture *fixture = *state;
+    fixture->device->builds_unseen = true;
+    update_on_queue(fixture, 0, 0, make(fixture, BOTTOM));
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 0);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_cluster_commands), 1);
+    fixture->device->builds_unseen = false;
+    update_on_queue(fixture, 0, 1, make(fixture, BOTTOM));
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
+}
+
 /* What the host has built, and with which flags, is not looked at. */
 static void an_update_of_a_host_build_is_not_accused(void **state)
 {
@@ -947,6 +962,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(two_queues_are_not_judged_by_submission_order, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_indirect_build_counts_as_built, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_update_that_may_follow_a_build_is_not_accused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(nothing_is_accused_beside_commands_that_are_not_followed, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_update_of_a_host_build_is_not_accused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_update_that_did_not_run_is_not_accused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(a_copy_of_something_uncertain_is_uncertain, set_up, tear_down),

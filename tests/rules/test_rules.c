@@ -128,6 +128,12 @@ static void masks_0(struct subject *subject)
         subject->records[i].custom_index_and_mask = 0x00000005;
 }
 
+static void masks_0_partial(struct subject *subject)
+{
+    masks_0(subject);
+    subject->build.partial = true;
+}
+
 static const uint64_t mask_ff[4] = {0, 0, 0, UINT64_C(1) << 63};
 
 static void masks_declared(struct subject *subject)
@@ -263,6 +269,7 @@ static const struct row rows[] = {
     INACTIVE("instances.translation_not_finite", masked_out_and_inactive),
 
     PAIR("instances.mask_zero", "all", "nothing is hit", 1, "each of the 2 active", masks_0),
+    PAIR("instances.mask_zero", "all that were read", "there are more, which were not", 0, NULL, masks_0_partial),
     PAIR("instances.mask_zero", "one", "hidden on purpose", 0, NULL, mask_0),
     INACTIVE("instances.mask_zero", mask_0),
     {"instances.mask_zero", "empty", "no instance is active", 0, 1, {NULL_REF}, 0, {0}, NULL, masks_0},
