@@ -570,6 +570,29 @@ static void an_update_that_may_follow_a_build_is_not_accused(void **state)
     }
 }
 
+/* The second element updates from what the first builds; in two commands the same is fine. */
+static void an_update_beside_the_build_of_its_source(void **state)
+{
+    struct fixture *fixture = *state;
+    VkAccelerationStructureKHR source = make(fixture, BOTTOM), target = make(fixture, BOTTOM);
+    const VkBuildAccelerationStructureFlagsKHR flags = VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR;
+    for (uint32_t calls = 1; calls <= 2; calls++) {
+        struct job jobs[2];
+        job_fill(&jobs[0], fixture, source, BOTTOM);
+        job_fill(&jobs[1], fixture, target, BOTTOM);
+        jobs[0].info.flags = jobs[1].info.flags = flags;
+        jobs[1].info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+        jobs[1].info.srcAccelerationStructure = source;
+        VkAccelerationStructureBuildGeometryInfoKHR infos[2] = {jobs[0].info, jobs[1].info};
+        const VkAccelerationStructureBuildRangeInfoKHR *ranges[2] = {jobs[0].ranges, jobs[1].ranges};
+        for (uint32_t first = 0; first < 2; first += 3 - calls)
+            gn_entry_CmdBuildAccelerationStructuresKHR(fixture->commands[calls], 3 - calls, infos + first, ranges + first);
+        submit_one(fixture, 0, (int)calls);
+        gn_device_collect(fixture->device);
+        assert_int_equal(fixture->instance.findings, 1);
+    }
+}
+
 /* A cluster command may have built it. */
 static void nothing_is_accused_beside_commands_that_are_not_followed(void **state)
 {
@@ -962,6 +985,7 @@ int main(void)
         cmocka_unit_test_setup_teardown(two_queues_are_not_judged_by_submission_order, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_indirect_build_counts_as_built, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_update_that_may_follow_a_build_is_not_accused, set_up, tear_down),
+        cmocka_unit_test_setup_teardown(an_update_beside_the_build_of_its_source, set_up, tear_down),
         cmocka_unit_test_setup_teardown(nothing_is_accused_beside_commands_that_are_not_followed, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_update_of_a_host_build_is_not_accused, set_up, tear_down),
         cmocka_unit_test_setup_teardown(an_update_that_did_not_run_is_not_accused, set_up, tear_down),
