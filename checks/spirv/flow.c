@@ -1,7 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* A forward data-flow analysis of the ray-query protocol: at every operation the set of states in which it may be reached,
  * through branches, loops and calls. Sets only grow until nothing changes, so what is not in a set cannot happen (unless
- * an earlier operation was already wrong and is reported itself). A callee is analysed once for all its calls together. */
+ * an earlier operation was already wrong and is reported itself). A callee is analysed once for all its calls together.
+ *
+ * An id stands for the latest run of its instruction, and so must what a variable is said to hold. It does: SPIR-V's control flow is
+ * structured, so between two runs of an instruction lies the header of a loop around it, where what the variable holds on
+ * entering the loop is joined in; that cannot be the id, so it is forgotten. */
 #include <string.h>
 
 #include "checks/spirv/analysis.h"

@@ -50,6 +50,9 @@ static const struct row rows[] = {
     {"run_function", {1, 0, 3}, "proceed.after_false@16*1 use.uninitialized@7*1",
      "one query is over, the other was never begun"},
     {"run_function", {0, 0, ALL}, "", "initialized"},
+    {"loop_break", {9, 0, ALL}, "candidate.none@15*8", "the loop ends by itself"},
+    {"loop_break", {0, 0, ALL}, "", "the loop is left at the first candidate"},
+    {"early_return", {1, 0, 3}, "", "one lane returns"},
     {"getter_uninitialized", {0, 0, ALL}, "use.uninitialized@8*8", "what is proved wrong is counted when it runs"},
     {"committed_no_proceed", {0, 0, ALL}, "committed.none@9*8", "NG-029"},
     {"candidate_no_proceed", {0, 0, ALL}, "candidate.none@9*8", "NG-030"},
@@ -147,22 +150,19 @@ static void correct_shaders_stay_silent(void **state)
     struct tracer *tracer = *state;
     int failures = 0;
     for (size_t s = 0; s < sizeof shaders / sizeof shaders[0]; s++)
-        for (int form = 0; form < FORM_COUNT; form++)
-            for (int all = 0; all < 2; all++) {
-                const struct gn_spirv_options options = {
-                    .profile = GN_PROFILE_VULKAN, .set = RECORD_SET, .without_proofs = all};
-                const struct choices choices = {0, 0, ALL};
-                float plain[LANES], checked[LANES];
-                char text[1024];
-                bool good =
-                    run(tracer, form_names[form], shaders[s], &options, &choices, plain, checked, text, sizeof text);
-                if (!good || *text || memcmp(plain, checked, sizeof plain) != 0) {
-                    print_error("%s (%s%s): expected silence and the same results, found \"%s\"%s\n", shaders[s],
-                                form_names[form], all ? ", without proofs" : "", text,
-                                memcmp(plain, checked, sizeof plain) ? ", and other results" : "");
-                    failures++;
-                }
+        for (int form = 0; form < FORM_COUNT; form += FORM_COUNT - 1) { /* as compiled, and optimized */
+            const struct gn_spirv_options options = {
+                .profile = GN_PROFILE_VULKAN, .set = RECORD_SET, .without_proofs = true};
+            const struct choices choices = {0, 0, ALL};
+            float plain[LANES], checked[LANES];
+            char text[1024];
+            bool good = run(tracer, form_names[form], shaders[s], &options, &choices, plain, checked, text, sizeof text);
+            if (!good || *text || memcmp(plain, checked, sizeof plain) != 0) {
+                print_error("%s (%s): expected silence and the same results, found \"%s\"%s\n", shaders[s],
+                            form_names[form], text, memcmp(plain, checked, sizeof plain) ? ", and other results" : "");
+                failures++;
             }
+        }
     assert_int_equal(failures, 0);
 }
 

@@ -26,6 +26,7 @@ static const struct row rows[] = {
     {"confirm_aabb", "confirm.not_triangle!11", "NG-041, by exclusion of the triangle"},
     {"confirm_good", "", "the candidate's type is tested before"},
     {"confirm_no_proceed", "confirm.no_candidate!9", "NG-042"},
+    {"early_return", "", "what returns early does not reach the getter"},
     {"facing_of_generated", "generate.range?11 committed.not_triangle!15", "NG-063: what was generated has no facing"},
     {"flags_good", "", "the flags leave no candidate, so one Proceed ends the traversal"},
     {"function_aliased", "use.uninitialized?9 proceed.after_false?9 use.uninitialized?12 proceed.after_false?12",
@@ -43,6 +44,7 @@ static const struct row rows[] = {
      "initialize.t_order!10 initialize.cull_pair!10 initialize.nan!11 initialize.opacity_pair!11 "
      "initialize.infinite!12 initialize.unknown_flags!12",
      "constants prove it; a mask of all ones is meant"},
+    {"loop_break", "candidate.none?15", "a break leaves the candidate, the end of the loop does not"},
     {"no_query", "", "without queries nothing is touched"},
     {"opaque_of_triangle", "candidate.not_aabb!11", "the flags skip boxes"},
     {"proceed_after_loop", "proceed.after_false!11", "NG-018"},
@@ -65,6 +67,12 @@ static const struct row rows[] = {
     {"run_proceed_again", "proceed.after_false?11 proceed.after_false?14",
      "the first Proceed may return true: boxes are candidates whatever the flags of opacity"},
     {"run_uninitialized", "use.uninitialized?11", "initialized on one of two paths"},
+    {"stage_fragment",
+     "initialize.nan?12 initialize.infinite?12 initialize.zero_direction?12 committed.none?15", "behind a discard"},
+    {"stage_raygen", "committed.none?13", "one of two paths has committed nothing"},
+    {"stage_vertex",
+     "initialize.nan?9 initialize.infinite?9 initialize.zero_direction?9 committed.none?11", "the stage's own built-ins"},
+    {"stale_result", "proceed.after_false?12 candidate.none?15", "what a variable held before the loop is not followed into it"},
     {"switch_good", "", "a switch on the type is a guard as well"},
     {"terminate_after_loop", "terminate.after_false!11", "every Proceed before must have returned true"},
     {"terminate_good", "confirm.not_triangle?11", "the candidate could be a box"},
@@ -92,7 +100,7 @@ static void every_shader_has_a_row(void **state)
         for (size_t r = 0; r < ROW_COUNT; r++)
             found |= strcmp(rows[r].shader, names[n]) == 0;
         if (!found) {
-            print_error("%s.comp has no row\n", names[n]);
+            print_error("the shader %s has no row\n", names[n]);
             failures++;
         }
     }

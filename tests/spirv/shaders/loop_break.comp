@@ -1,0 +1,16 @@
+#version 460
+/* SPDX-License-Identifier: Apache-2.0 */
+#extension GL_GOOGLE_include_directive : require
+#include "query.glsl"
+void main()
+{
+    rayQueryEXT q;
+    START(q, gl_RayFlagsNoOpaqueEXT);
+    uint n = 0;
+    while (rayQueryProceedEXT(q)) {
+        if (n++ == choice)
+            break;
+    }
+    /* At a candidate after the break, without one otherwise. */
+    SHOW(rayQueryGetIntersectionInstanceIdEXT(q, false));
+}
