@@ -124,15 +124,15 @@ static bool lane_is_exact(const struct gn_ref_bvh *bvh, uint32_t leaf, int lane)
 
 /*
  * Two triangles that the ray meets in the same vertex, or in edges with the same ends, are met at the same place:
- * the usual tie.
+ * the usual tie. So are coincident triangles: with no edge function known to be 0 all three vertices have to agree.
  */
 static bool same_feature(const struct gn_ref_bvh *bvh, const struct gn_ref_candidate *a,
                          const struct gn_ref_candidate *b)
 {
     /* The vertices that the point is a combination of: those whose edge function is not 0. */
     unsigned left = ~a->zeros & 7u, right = ~b->zeros & 7u;
-    if (!a->zeros || !b->zeros || __builtin_popcount(left) != __builtin_popcount(right) ||
-        !lane_is_exact(bvh, a->leaf, a->lane) || !lane_is_exact(bvh, b->leaf, b->lane))
+    if (__builtin_popcount(left) != __builtin_popcount(right) || !lane_is_exact(bvh, a->leaf, a->lane) ||
+        !lane_is_exact(bvh, b->leaf, b->lane))
         return false;
     double p[3][3], q[3][3];
     lane_corners(bvh, a->leaf, a->lane, p);

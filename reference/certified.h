@@ -77,7 +77,7 @@ struct gn_ref_candidate {
 /* Whether the caller may have its numbers. */
 static inline bool gn_ref_candidate_accurate(const struct gn_ref_candidate *candidate)
 {
-    return candidate->s_error <= 0x1p-42 * candidate->s && candidate->barycentric_error <= 0x1p-42;
+    return candidate->s_error <= 0x1.8p-41 * candidate->s && candidate->barycentric_error <= 0x1.8p-41;
 }
 
 #define GN_REF_STACK_SIZE ((GN_REF_MAX_DEPTH + 1) * GN_REF_NODE_WIDTH)
