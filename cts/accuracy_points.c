@@ -147,9 +147,9 @@ void gn_accuracy_choice_text(const struct gn_accuracy_point *points, int choice,
     }
     const struct gn_accuracy_point *point = &points[choice];
     if (!point->wrong)
-        snprintf(unseen, sizeof unseen, " (< %.16s at 95 %%)",
+        snprintf(unseen, sizeof unseen, " (<%.16s at 95%%)",
                  gn_accuracy_number(gn_accuracy_unseen_per_million(point->rays), number));
-    snprintf(out, size, "%s: %.*fx the time, %s wrong per million%s, t within %s ulp",
+    snprintf(out, size, "%s: %.*fx time, %s wrong/million%s, t to %s ulp",
              gn_ref_tier_name(point->tier), point->time < 10 ? 2 : 0, point->time,
              gn_accuracy_number(point->wrong_per_million, wrong), unseen,
              gn_accuracy_number(point->t_error_max, error));
