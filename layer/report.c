@@ -249,6 +249,18 @@ void gn_report_say(struct gn_instance *instance, enum gn_severity severity, cons
     if (instance->settings.report_stderr)
         fprintf(stderr, "gnomon: %s: %s: %s\n", gn_severity_name(severity), id, text);
     send(instance, true, VK_DEBUG_UTILS_MESSAGE_TYPE_GENERAL_BIT_EXT, severity, id, text, NULL, 0);
+    /* A warning goes into the log too, with the keys of a finding: who reads only that has to know of it. */
+    if (!instance->log || severity < GN_SEVERITY_WARNING)
+        return;
+    struct gn_text line = {0};
+    gn_text_add(&line, "{\"rule\":");
+    gn_text_add_string(&line, id);
+    gn_text_add(&line, ",\"severity\":\"%s\",\"count\":1,\"message\":", gn_severity_name(severity));
+    gn_text_add_string(&line, text);
+    gn_text_add(&line, ",\"remedy\":\"\",\"objects\":[],\"source\":[]}");
+    if (!line.failed)
+        gn_log_line(instance->log, line.data, line.size);
+    gn_text_finish(&line);
 }
 
 static const char *const checked_names[] = {

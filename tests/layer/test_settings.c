@@ -388,7 +388,12 @@ static void unknown_keys_are_named(void **state)
     int32_t one = 1;
     VkLayerSettingEXT passed = {"VK_LAYER_GNOMON_ray_tracing", "volume", VK_LAYER_SETTING_TYPE_INT32_EXT, 1, &one};
     write_settings("# a comment\ngnomon_ray_tracing.profil = wgpu\nkhronos_validation.other = 1\n");
+    setenv(PREFIX "LOG_FILE", in_folder("unknown.jsonl"), 1);
     misbehave(world, &passed, 1);
+    char *log = file_read(in_folder("unknown.jsonl"));
+    assert_non_null(log);
+    assert_non_null(strstr(log, "\"rule\":\"settings\",\"severity\":\"warning\",\"count\":1,\"message\":\"\\\"gnomon_ray_tracing.profil"));
+    free(log);
     assert_true(warned(world, "\"gnomon_ray_tracing.profil\" in vk_layer_settings.txt is not a setting"));
     assert_true(warned(world, "\"volume\" passed by VK_EXT_layer_settings is not a setting"));
     assert_int_equal(messages_count(world, "settings"), 2);
