@@ -10,6 +10,7 @@
 #include <unistd.h>
 
 #include "cts/accuracy.h"
+#include "cts/arguments.h"
 #include "cts/commands.h"
 #include "cts/progress.h"
 #include "cts/results.h"
@@ -60,18 +61,6 @@ struct arguments {
     bool list, rays_given, runs_given;
 };
 
-static uint64_t parse_number(struct argp_state *state, const char *option, const char *text, uint64_t least,
-                             uint64_t most)
-{
-    char *end;
-    errno = 0;
-    unsigned long long value = strtoull(text, &end, 0);
-    if (end == text || *end || errno || strchr(text, '-') || value < least || value > most)
-        argp_error(state, "%s: expected a whole number from %llu to %llu, found '%s'", option,
-                   (unsigned long long)least, (unsigned long long)most, text);
-    return value;
-}
-
 static error_t parse(int key, char *argument, struct argp_state *state)
 {
     struct arguments *arguments = state->input;
@@ -93,26 +82,26 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         arguments->out = argument;
         break;
     case OPTION_RAYS:
-        chosen->rays = (uint32_t)parse_number(state, "--rays", argument, 100, 20000000);
+        chosen->rays = (uint32_t)gn_argument_number(state, "--rays", argument, 100, 20000000);
         arguments->rays_given = true;
         break;
     case OPTION_EXACT_RAYS:
-        chosen->exact_rays = (uint32_t)parse_number(state, "--exact-rays", argument, 1, 20000000);
+        chosen->exact_rays = (uint32_t)gn_argument_number(state, "--exact-rays", argument, 1, 20000000);
         break;
     case OPTION_RUNS:
-        chosen->runs = (uint32_t)parse_number(state, "--runs", argument, 1, 15);
+        chosen->runs = (uint32_t)gn_argument_number(state, "--runs", argument, 1, 15);
         if (chosen->runs % 2 == 0)
             argp_error(state, "--runs: expected an odd number, which has a median, found '%s'", argument);
         arguments->runs_given = true;
         break;
     case OPTION_THREADS:
-        chosen->threads = (uint32_t)parse_number(state, "--threads", argument, 1, 256);
+        chosen->threads = (uint32_t)gn_argument_number(state, "--threads", argument, 1, 256);
         break;
     case OPTION_JOBS:
-        chosen->jobs = (uint32_t)parse_number(state, "--jobs", argument, 1, 256);
+        chosen->jobs = (uint32_t)gn_argument_number(state, "--jobs", argument, 1, 256);
         break;
     case OPTION_SEED:
-        chosen->seed = parse_number(state, "--seed", argument, 0, UINT64_C(1) << 48);
+        chosen->seed = gn_argument_number(state, "--seed", argument, 0, UINT64_C(1) << 48);
         break;
     case OPTION_QUICK:
         chosen->quick = true;

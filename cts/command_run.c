@@ -1,7 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* `gnomon run`: its options, what they select, and the run. */
 #include <argp.h>
-#include <errno.h>
 #include <math.h>
 #include <sched.h>
 #include <stdlib.h>
@@ -9,6 +8,7 @@
 #include <time.h>
 #include <unistd.h>
 
+#include "cts/arguments.h"
 #include "cts/commands.h"
 #include "cts/progress.h"
 #include "cts/runner.h"
@@ -64,18 +64,6 @@ struct arguments {
     size_t expect_count;
 };
 
-static uint64_t parse_number(struct argp_state *state, const char *option, const char *text, uint64_t least,
-                             uint64_t most)
-{
-    char *end;
-    errno = 0;
-    unsigned long long value = strtoull(text, &end, 0);
-    if (end == text || *end || errno || strchr(text, '-') || value < least || value > most)
-        argp_error(state, "%s: expected a whole number from %llu to %llu, found '%s'", option,
-                   (unsigned long long)least, (unsigned long long)most, text);
-    return value;
-}
-
 static double parse_real(struct argp_state *state, const char *option, const char *text, double least,
                          double most)
 {
@@ -116,13 +104,13 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         arguments->out = argument;
         break;
     case OPTION_JOBS:
-        arguments->jobs = (uint32_t)parse_number(state, "--jobs", argument, 1, 1024);
+        arguments->jobs = (uint32_t)gn_argument_number(state, "--jobs", argument, 1, 1024);
         break;
     case OPTION_SHARD:
         parse_shard(state, argument, arguments);
         break;
     case OPTION_SEED:
-        arguments->seed = parse_number(state, "--seed", argument, 0, UINT64_MAX);
+        arguments->seed = gn_argument_number(state, "--seed", argument, 0, UINT64_MAX);
         break;
     case OPTION_RESUME:
         arguments->resume = true;
@@ -143,7 +131,7 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         arguments->timeout = parse_real(state, "--timeout", argument, 0.1, 86400);
         break;
     case OPTION_MAX_FAILS:
-        arguments->max_fails = parse_number(state, "--max-fails", argument, 1, UINT32_MAX);
+        arguments->max_fails = gn_argument_number(state, "--max-fails", argument, 1, UINT32_MAX);
         break;
     case ARGP_KEY_ARG:
         arguments->filters[arguments->filter_count++] = argument;
