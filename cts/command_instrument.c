@@ -138,8 +138,8 @@ static void count_checks(const struct gn_spirv_result *result, uint32_t out[3])
 {
     memset(out, 0, 3 * sizeof *out);
     for (uint32_t s = 0; s < result->site_count; s++) {
-        out[0] += (uint32_t)__builtin_popcount(result->sites[s].judged & ~result->sites[s].checked);
-        out[1] += (uint32_t)__builtin_popcount(result->sites[s].checked);
+        out[0] += (uint32_t)__builtin_popcountll(result->sites[s].judged & ~result->sites[s].checked);
+        out[1] += (uint32_t)__builtin_popcountll(result->sites[s].checked);
         out[2] += result->sites[s].checked != 0;
     }
 }
@@ -173,7 +173,7 @@ static void print_text(const struct arguments *arguments, const struct gn_spirv_
                gn_records_word_count(result->check_count) * 4);
 }
 
-static void add_rules(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, uint32_t rules)
+static void add_rules(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, uint64_t rules)
 {
     yyjson_mut_val *list = yyjson_mut_arr(doc);
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++)

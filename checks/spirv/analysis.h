@@ -81,7 +81,7 @@ struct site {
     bool committed;       /* a getter of the committed intersection */
     bool reachable;
     uint32_t states;      /* in which it may be reached */
-    uint32_t judged, checked, wrong; /* bits of rules */
+    uint64_t judged, checked, wrong; /* bits of rules */
     uint32_t first_check;
 };
 
@@ -114,7 +114,7 @@ enum gn_spirv_status flow_run(struct analysis *analysis);
 
 /* What the operands of an Initialize or Generate say: bits of rules that they break and that they cannot break. */
 struct operand_verdict {
-    uint32_t wrong, right;
+    uint64_t wrong, right;
 };
 struct operand_verdict operands_judge(const struct analysis *analysis, const struct inst *inst);
 /* The ray flags of an Initialize, if known. */
@@ -125,6 +125,6 @@ uint32_t known_flags(const struct module *module);
 /* Decides per site and rule what is proved, wrong or to be checked. */
 void verdicts_make(struct analysis *analysis);
 
-#define RULE_BIT(name) (1u << GN_SPIRV_RULE_##name)
+#define RULE_BIT(name) (UINT64_C(1) << GN_SPIRV_RULE_##name)
 
 #endif

@@ -20,7 +20,7 @@
     (RULE_BIT(CANDIDATE_NOT_TRIANGLE) | RULE_BIT(CANDIDATE_NOT_AABB) | RULE_BIT(CONFIRM_NOT_TRIANGLE) |                \
      RULE_BIT(GENERATE_NOT_AABB) | RULE_BIT(GENERATE_RANGE))
 #define RULES_OF_COMMITTED (RULE_BIT(COMMITTED_NONE) | RULE_BIT(COMMITTED_NOT_TRIANGLE))
-#define RULES_OF_INITIALIZE (~0u << GN_SPIRV_RULE_INITIALIZE_NAN)
+#define RULES_OF_INITIALIZE (~UINT64_C(0) << GN_SPIRV_RULE_INITIALIZE_NAN)
 
 /* Conditions gathered at one site. */
 struct gathered {
@@ -122,7 +122,8 @@ static void gather_live(struct writer *writer, const struct site *site, uint32_t
 {
     const struct inst *inst = &writer->module->insts[site->inst];
     uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
-    uint32_t rules = site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED), bool_ = type_bool(writer);
+    uint64_t rules = site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED);
+    uint32_t bool_ = type_bool(writer);
     uint32_t false_ = constant_plain(writer, SpvOpConstantFalse, bool_);
     uint32_t found[GN_SPIRV_RULE_COUNT] = {0}, operands[3] = {0};
     struct branch guard;
@@ -273,11 +274,11 @@ static void ray_read(struct writer *writer, const struct inst *inst, struct ray 
  * The quick test: true whenever a rule among `rules` is broken, and perhaps otherwise. Integers order non-negative floats: a tmin that is no
  * greater than a tmax no greater than infinity leaves out every wrong pair (and -0, which the exact test clears).
  */
-static uint32_t initialize_suspicious(struct writer *writer, const struct ray *ray, uint32_t rules)
+static uint32_t initialize_suspicious(struct writer *writer, const struct ray *ray, uint64_t rules)
 {
     uint32_t any = 0;
-    const uint32_t of_t = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_NEGATIVE_T) | RULE_BIT(INITIALIZE_T_ORDER);
-    const uint32_t of_vectors = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_INFINITE);
+    const uint64_t of_t = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_NEGATIVE_T) | RULE_BIT(INITIALIZE_T_ORDER);
+    const uint64_t of_vectors = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_INFINITE);
     if (rules & of_vectors)
         for (int i = 0; i < 2; i++)
             either(writer, &any, any_component(writer, SpvOpUGreaterThanEqual, ray->vector_bits[i], EXPONENT));

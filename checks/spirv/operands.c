@@ -65,7 +65,7 @@ static bool several(uint32_t bits)
     return (bits & (bits - 1)) != 0;
 }
 
-static void settle(struct operand_verdict *verdict, uint32_t rule, bool broken, bool known)
+static void settle(struct operand_verdict *verdict, uint64_t rule, bool broken, bool known)
 {
     if (broken)
         verdict->wrong |= rule;

@@ -52,7 +52,7 @@ static bool describe_sites(struct analysis *analysis, struct gn_spirv_result *ou
             return false;
         if (!place_find(module, site->inst, &module->blocks[site->block], &to->place))
             return false;
-        findings += (uint32_t)__builtin_popcount(site->wrong);
+        findings += (uint32_t)__builtin_popcountll(site->wrong);
     }
     out->site_count = analysis->site_count;
     out->findings = arena_alloc(module->arena, findings + 1u, sizeof *out->findings);
@@ -85,7 +85,7 @@ bool gn_spirv_check_find(const struct gn_spirv_result *result, uint32_t check, u
 {
     for (uint32_t s = 0; s < result->site_count; s++) {
         const struct gn_spirv_site *site = &result->sites[s];
-        if (check < site->first_check || check - site->first_check >= (uint32_t)__builtin_popcount(site->checked))
+        if (check < site->first_check || check - site->first_check >= (uint32_t)__builtin_popcountll(site->checked))
             continue;
         uint32_t left = check - site->first_check;
         for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++)

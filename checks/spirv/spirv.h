@@ -84,7 +84,7 @@ struct gn_spirv_site {
     const char *operation;   /* "OpRayQueryProceedKHR" */
     const char *query;       /* the query's debug name, or NULL */
     uint32_t query_id;       /* the variable or parameter that holds it */
-    uint32_t judged, checked, wrong;
+    uint64_t judged, checked, wrong;
     uint32_t first_check;    /* index of the first check, in the order of the bits of `checked` */
 };
 

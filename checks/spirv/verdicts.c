@@ -5,7 +5,8 @@
 
 /* A rule of the protocol and the states that break it. */
 struct breach {
-    uint32_t rule, states;
+    uint64_t rule; /* its index, then its bit */
+    uint32_t states;
 };
 
 static uint32_t breaches_of(const struct site *site, struct breach out[4])
@@ -51,12 +52,12 @@ static uint32_t breaches_of(const struct site *site, struct breach out[4])
     return count;
 }
 
-static void verdict_make(struct analysis *analysis, struct site *site, uint32_t applicable)
+static void verdict_make(struct analysis *analysis, struct site *site, uint64_t applicable)
 {
     struct breach breaches[4];
     uint32_t count = breaches_of(site, breaches), broken = 0;
     for (uint32_t i = 0; i < count; i++) {
-        breaches[i].rule = 1u << breaches[i].rule;
+        breaches[i].rule = UINT64_C(1) << breaches[i].rule;
         site->judged |= breaches[i].rule;
         broken |= breaches[i].states;
     }
@@ -65,7 +66,7 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint32_t 
         site->committed && (site->operation->kind == OPERATION_GET || site->operation->kind == OPERATION_GET_TYPE);
     if (site->operation->kind == OPERATION_INITIALIZE)
         for (uint32_t rule = GN_SPIRV_RULE_INITIALIZE_NAN; rule <= GN_SPIRV_RULE_INITIALIZE_MASK_BITS; rule++)
-            site->judged |= 1u << rule;
+            site->judged |= UINT64_C(1) << rule;
     if (site->operation->kind == OPERATION_GENERATE)
         site->judged |= RULE_BIT(GENERATE_RANGE);
     if (reads_committed)
@@ -101,16 +102,16 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint32_t 
 
 void verdicts_make(struct analysis *analysis)
 {
-    uint32_t applicable = 0;
+    uint64_t applicable = 0;
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++)
         if (gn_spirv_rule_at(rule)->severity[analysis->options->profile] != GN_SEVERITY_SILENT)
-            applicable |= 1u << rule;
+            applicable |= UINT64_C(1) << rule;
     for (uint32_t s = 0; s < analysis->site_count; s++) {
         struct site *site = &analysis->sites[s];
         verdict_make(analysis, site, applicable);
         if (!site->reachable)
             site->checked = 0;
         site->first_check = analysis->check_count;
-        analysis->check_count += (uint32_t)__builtin_popcount(site->checked);
+        analysis->check_count += (uint32_t)__builtin_popcountll(site->checked);
     }
 }
