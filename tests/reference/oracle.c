@@ -26,6 +26,7 @@ struct oracle {
     struct oracle_scene scene;
     struct item *triangles, *boxes;
     size_t triangle_count, box_count, padded;
+    bool exclude_nothing;
     /* World vertices: c[3 * vertex + axis][triangle], and the largest error of the nine. */
     double *c[9], *radius;
     double (*spheres)[4];
@@ -294,6 +295,11 @@ void oracle_forget(struct oracle *o, uint32_t instance, uint32_t geometry, uint3
         if (o->triangles[i].instance == instance && o->triangles[i].geometry == geometry &&
             o->triangles[i].primitive == primitive)
             o->triangles[i].forgotten = true;
+}
+
+void oracle_exclude_nothing(struct oracle *o)
+{
+    o->exclude_nothing = true;
 }
 
 struct oracle_counters oracle_counters(const struct oracle *o)
@@ -627,7 +633,9 @@ size_t oracle_trace(struct oracle *o, const struct gn_ref_ray *ray, const struct
 {
     o->count = 0;
     memset(o->have_ray, 0, sizeof o->have_ray);
-    if (o->triangle_count > 0)
+    if (o->exclude_nothing)
+        memset(o->open, 1, o->padded);
+    else if (o->triangle_count > 0)
         exclude((const double *const *)o->c, o->radius, o->open, o->triangle_count, ray);
     for (size_t i = 0; i < o->triangle_count; i++) {
         if (o->open[i])
@@ -636,7 +644,7 @@ size_t oracle_trace(struct oracle *o, const struct gn_ref_ray *ray, const struct
             o->counters.excluded++;
     }
     for (size_t i = 0; i < o->box_count; i++) {
-        if (sphere_missed(o->spheres[i], ray))
+        if (!o->exclude_nothing && sphere_missed(o->spheres[i], ray))
             o->counters.excluded++;
         else
             test_box(o, &o->boxes[i], ray);

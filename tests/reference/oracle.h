@@ -22,6 +22,8 @@ struct oracle;
 
 /* For one thread. */
 struct oracle *oracle_create(const struct oracle_scene *scene);
+/* From now on the interval bound excludes nothing: every pair is decided in integers. */
+void oracle_exclude_nothing(struct oracle *oracle);
 void oracle_destroy(struct oracle *oracle);
 
 /* All that the ray meets, in order: hits[i].t and so on are rounded from exact values. The number of hits. */

@@ -2,6 +2,7 @@
 /* The comparison of the reference with the oracle. */
 #include "proof.h"
 
+#include <float.h>
 #include <math.h>
 #include <pthread.h>
 #include <stdatomic.h>
@@ -79,6 +80,25 @@ static const char *difference(const struct gn_ref_hit *a, const struct gn_ref_hi
     return close_to(a->beta, b->beta, 1) && close_to(a->gamma, b->gamma, 1) ? NULL : "barycentrics";
 }
 
+/*
+ * t as f32 is the ideal value rounded once: up or down, whatever way. The oracle's own t is within 2^-52, so that what is
+ * counted as misrounded may be a tie between two f32 that the oracle has not told apart either.
+ */
+static const char *rounding(double t, double ideal, struct proof_counts *counts)
+{
+    if (!(fabs(ideal) > 0x1p-1000) || isinf(ideal))
+        return NULL;
+    counts->t_error = fmax(counts->t_error, fabs(t - ideal) / fabs(ideal) * 0x1p53);
+    float near = (float)t;
+    if (isinf(near) || fabsf(near) < FLT_MIN)
+        return NULL;
+    if (near != (float)ideal)
+        counts->misrounded++;
+    return nextafterf(near, -INFINITY) < ideal && ideal < nextafterf(near, INFINITY)
+               ? NULL
+               : "t is not the ideal one rounded once";
+}
+
 /* What is wrong with the reference's answers for one ray, or NULL. */
 static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *oracle, const struct gn_ref_ray *ray,
                              struct gn_ref_hit *hits, struct proof_counts *counts, size_t *out_at)
@@ -111,6 +131,8 @@ static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *or
         return "whether there is a closest triangle";
     if (found) {
         const char *what = difference(&closest, &right[first]);
+        if (!what)
+            what = rounding(closest.t, right[first].t, counts);
         if (what)
             return what;
     }
@@ -135,6 +157,21 @@ static void describe(struct proof_counts *counts, const char *name, uint64_t see
              "%s, scene seed 0x%llx: %s (hit %zu); origin %a %a %a direction %a %a %a tmin %a tmax %a flags 0x%x mask 0x%x",
              name, (unsigned long long)seed, what, at, ray->origin[0], ray->origin[1], ray->origin[2], ray->direction[0],
              ray->direction[1], ray->direction[2], ray->tmin, ray->tmax, ray->flags, ray->cull_mask);
+}
+
+void proof_counts_add(struct proof_counts *total, const struct proof_counts *more)
+{
+    total->rays += more->rays;
+    total->aimed += more->aimed;
+    total->rays_hit += more->rays_hit;
+    total->hits += more->hits;
+    total->pairs_excluded += more->pairs_excluded;
+    total->pairs_exact += more->pairs_exact;
+    total->t_error = fmax(total->t_error, more->t_error);
+    total->misrounded += more->misrounded;
+    if (total->differences == 0)
+        memcpy(total->first, more->first, sizeof total->first);
+    total->differences += more->differences;
 }
 
 struct job {
@@ -178,14 +215,17 @@ static void piece_run(struct job *job, uint64_t piece, struct proof_counts *coun
     struct gn_ref_scene *own = NULL;
     struct oracle *oracle = shared_oracle;
     if (!job->shared) {
-        uint32_t triangles = 8 + rng_below(&rng, job->family->most_triangles - 7);
-        if (rng_below(&rng, 16) == 0)
+        uint32_t most = job->family->most_triangles, limit = job->options->most_triangles;
+        uint32_t triangles = limit ? (limit < most ? limit : most) : 8 + rng_below(&rng, most - 7);
+        if (!limit && rng_below(&rng, 16) == 0)
             triangles = 1 + rng_below(&rng, 8);
         job->family->make(&made, &rng, triangles);
         scene_made = &made;
         own = reference_scene(&made.scene);
         scene = own;
         oracle = oracle_create(&made.scene);
+        if (job->options->every_pair)
+            oracle_exclude_nothing(oracle);
     }
     uint64_t first = piece * RAYS_PER_SCENE, last = first + RAYS_PER_SCENE;
     if (last > job->options->rays)
@@ -230,15 +270,7 @@ static void *job_thread(void *argument)
         piece_run(job, piece, &counts, hits, oracle);
     }
     pthread_mutex_lock(&job->lock);
-    job->total.rays += counts.rays;
-    job->total.aimed += counts.aimed;
-    job->total.rays_hit += counts.rays_hit;
-    job->total.hits += counts.hits;
-    job->total.pairs_excluded += counts.pairs_excluded;
-    job->total.pairs_exact += counts.pairs_exact;
-    if (job->total.differences == 0)
-        memcpy(job->total.first, counts.first, sizeof counts.first);
-    job->total.differences += counts.differences;
+    proof_counts_add(&job->total, &counts);
     pthread_mutex_unlock(&job->lock);
     oracle_destroy(oracle);
     free(hits);

@@ -10,13 +10,22 @@ struct proof_counts {
     uint64_t rays_hit, hits;
     uint64_t differences;
     uint64_t pairs_excluded, pairs_exact;
+    /* Over the nearest triangles. t_error: the largest relative error, in units of 2^-53; misrounded: t, rounded to f32,
+     * is not the f32 nearest to the ideal value but the one on its other side. */
+    double t_error;
+    uint64_t misrounded;
     char first[600]; /* the first difference, for people */
 };
+
+/* Sums, of `t_error` the larger one, of `first` the earlier one. */
+void proof_counts_add(struct proof_counts *total, const struct proof_counts *more);
 
 struct proof_options {
     uint64_t seed;
     uint64_t rays; /* per family */
     int threads;
+    uint32_t most_triangles; /* so many in each scene; 0: random numbers up to the family's own */
+    bool every_pair; /* the oracle decides every pair in integers */
 };
 
 /* Rays of one family, over as many scenes as that takes. Edge- and vertex-aimed rays are 8 of 10. */
