@@ -398,17 +398,25 @@ static bool is_before_types(uint32_t opcode)
     }
 }
 
-/* Storage buffers are an extension before SPIR-V 1.3. */
-static void write_extension(struct writer *writer)
+static bool has_capability(const struct module *module, uint32_t capability)
 {
-    static const char name[] = "SPV_KHR_storage_buffer_storage_class";
-    uint32_t words[sizeof name / 4 + 1] = {0};
+    for (uint32_t i = 0; i < module->globals_end; i++)
+        if (module->insts[i].opcode == SpvOpCapability && inst_word(module, &module->insts[i], 1) == capability)
+            return true;
+    return false;
+}
+
+static void write_extension(struct writer *writer, const char *name, uint32_t core_since)
+{
+    uint32_t words[16] = {0};
+    if (writer->module->words[1] >= core_since)
+        return;
     for (uint32_t i = 0; i < writer->module->globals_end; i++)
         if (writer->module->insts[i].opcode == SpvOpExtension &&
             strcmp(inst_text(writer->module, &writer->module->insts[i], 1), name) == 0)
             return;
-    memcpy(words, name, sizeof name);
-    words_instruction(&writer->out, SpvOpExtension, words, sizeof name / 4 + 1);
+    memcpy(words, name, strlen(name));
+    words_instruction(&writer->out, SpvOpExtension, words, strlen(name) / 4 + 1);
 }
 
 /* Functions are written first, into a buffer of their own, as they ask for types that have to come before them. */
@@ -416,13 +424,17 @@ static void assemble(struct rewrite *rewrite, struct words *functions)
 {
     struct writer *writer = rewrite->writer;
     struct module *module = rewrite->module;
-    bool extended = module->words[1] >= 0x10300, decorated = false;
+    bool extended = false, decorated = false, physical = writer->analysis->options->root != 0;
     words_add(&writer->out, module->words, 5);
+    if (physical && !has_capability(module, SpvCapabilityPhysicalStorageBufferAddresses))
+        EMIT(&writer->out, SpvOpCapability, SpvCapabilityPhysicalStorageBufferAddresses);
     for (uint32_t i = 0; i < module->globals_end; i++) {
         const struct inst *inst = &module->insts[i];
         if (!extended && inst->opcode != SpvOpCapability && inst->opcode != SpvOpExtension) {
             extended = true;
-            write_extension(writer);
+            write_extension(writer, "SPV_KHR_storage_buffer_storage_class", 0x10300);
+            if (physical)
+                write_extension(writer, "SPV_KHR_physical_storage_buffer", 0x10500);
         }
         if (!decorated && !is_before_types(inst->opcode)) {
             decorated = true;
@@ -430,6 +442,8 @@ static void assemble(struct rewrite *rewrite, struct words *functions)
         }
         if (inst->opcode == SpvOpEntryPoint)
             write_entry_point(rewrite, inst);
+        else if (inst->opcode == SpvOpMemoryModel && physical)
+            EMIT(&writer->out, SpvOpMemoryModel, SpvAddressingModelPhysicalStorageBuffer64, inst_word(module, inst, 2));
         else
             copy(writer, inst);
     }

@@ -76,7 +76,8 @@ static void invocation_prepare(struct writer *writer)
             words_add(&writer->interface, &writer->invocation[i], 1);
 }
 
-bool records_prepare(struct writer *writer)
+/* Whether the module leaves the records' descriptor to us. */
+static bool descriptor_is_free(const struct writer *writer)
 {
     const struct gn_spirv_options *options = writer->analysis->options;
     const struct module *module = writer->module;
@@ -95,6 +96,15 @@ bool records_prepare(struct writer *writer)
             }
         }
     }
+    return true;
+}
+
+bool records_prepare(struct writer *writer)
+{
+    const struct gn_spirv_options *options = writer->analysis->options;
+    const struct module *module = writer->module;
+    if (!options->root && !descriptor_is_free(writer))
+        return false;
     /* First, in this order: C leaves open in which order the operands of a call are made, and ids must not depend on it. */
     type_void(writer);
     type_bool(writer);
@@ -110,13 +120,16 @@ bool records_prepare(struct writer *writer)
     EMIT(&writer->decorations, SpvOpDecorate, array, SpvDecorationArrayStride, 4);
     EMIT(&writer->decorations, SpvOpDecorate, structure, SpvDecorationBlock);
     EMIT(&writer->decorations, SpvOpMemberDecorate, structure, 0, SpvDecorationOffset, 0);
-    uint32_t pointer = type_pointer(writer, SpvStorageClassStorageBuffer, structure);
-    writer->buffer = new_id(writer);
-    EMIT(&writer->globals, SpvOpVariable, pointer, writer->buffer, SpvStorageClassStorageBuffer);
-    EMIT(&writer->decorations, SpvOpDecorate, writer->buffer, SpvDecorationDescriptorSet, options->set);
-    EMIT(&writer->decorations, SpvOpDecorate, writer->buffer, SpvDecorationBinding, options->binding);
-    if (version_of(module) >= 0x10400)
-        words_add(&writer->interface, &writer->buffer, 1);
+    writer->buffer_class = options->root ? SpvStorageClassPhysicalStorageBuffer : SpvStorageClassStorageBuffer;
+    writer->buffer_pointer = type_pointer(writer, writer->buffer_class, structure);
+    if (!options->root) {
+        writer->buffer = new_id(writer);
+        EMIT(&writer->globals, SpvOpVariable, writer->buffer_pointer, writer->buffer, SpvStorageClassStorageBuffer);
+        EMIT(&writer->decorations, SpvOpDecorate, writer->buffer, SpvDecorationDescriptorSet, options->set);
+        EMIT(&writer->decorations, SpvOpDecorate, writer->buffer, SpvDecorationBinding, options->binding);
+        if (version_of(module) >= 0x10400)
+            words_add(&writer->interface, &writer->buffer, 1);
+    }
     invocation_prepare(writer);
 
     uint32_t parameters[15] = {type_void(writer)};
@@ -129,8 +142,26 @@ bool records_prepare(struct writer *writer)
 
 static uint32_t buffer_word(struct writer *writer, uint32_t index)
 {
-    uint32_t pointer = type_pointer(writer, SpvStorageClassStorageBuffer, type_uint(writer));
+    uint32_t pointer = type_pointer(writer, writer->buffer_class, type_uint(writer));
     return COMPUTE(writer, SpvOpAccessChain, pointer, writer->buffer, constant_uint(writer, 0), index);
+}
+
+/* A physical pointer has to say how it is aligned. */
+static uint32_t word_load(struct writer *writer, uint32_t index)
+{
+    uint32_t word = buffer_word(writer, index), uint_ = type_uint(writer);
+    if (writer->buffer_class == SpvStorageClassPhysicalStorageBuffer)
+        return COMPUTE(writer, SpvOpLoad, uint_, word, SpvMemoryAccessAlignedMask, 4);
+    return COMPUTE(writer, SpvOpLoad, uint_, word);
+}
+
+static void word_store(struct writer *writer, uint32_t index, uint32_t value)
+{
+    uint32_t word = buffer_word(writer, index);
+    if (writer->buffer_class == SpvStorageClassPhysicalStorageBuffer)
+        EMIT(&writer->out, SpvOpStore, word, value, SpvMemoryAccessAlignedMask, 4);
+    else
+        EMIT(&writer->out, SpvOpStore, word, value);
 }
 
 static uint32_t atomic_add(struct writer *writer, uint32_t index, uint32_t value)
@@ -190,9 +221,63 @@ static void record_write(struct writer *writer, uint32_t base, uint32_t state, c
     values[GN_RECORD_WRITTEN] = constant_uint(writer, 1);
     for (uint32_t i = 0; i < GN_RECORD_WORDS; i++) {
         uint32_t index = COMPUTE(writer, SpvOpIAdd, uint_, base, constant_uint(writer, i));
-        uint32_t word = buffer_word(writer, index);
-        EMIT(&writer->out, SpvOpStore, word, values[i]);
+        word_store(writer, index, values[i]);
     }
+}
+
+static uint32_t pointer_make(struct writer *writer, uint32_t low, uint32_t high)
+{
+    uint32_t address = COMPUTE(writer, SpvOpCompositeConstruct, TYPE(writer, SpvOpTypeVector, type_uint(writer), 2), low, high);
+    return COMPUTE(writer, SpvOpBitcast, writer->buffer_pointer, address);
+}
+
+/* Looks the module's buffer up in the table; the one without room when it is not there. */
+static void buffer_find(struct writer *writer)
+{
+    const struct gn_spirv_options *options = writer->analysis->options;
+    uint32_t uint_ = type_uint(writer), bool_ = type_bool(writer), start, header = new_id(writer), next = new_id(writer);
+    uint32_t done = new_id(writer), at = new_id(writer), next_at = new_id(writer), tries = new_id(writer);
+    uint32_t next_tries = new_id(writer), zero = constant_uint(writer, 0), one = constant_uint(writer, 1);
+    uint32_t key[2], root[2], nowhere[2];
+    for (int i = 0; i < 2; i++) {
+        key[i] = constant_uint(writer, (uint32_t)(options->key >> 32 * i));
+        root[i] = constant_uint(writer, (uint32_t)(options->root >> 32 * i));
+        nowhere[i] = constant_uint(writer, (uint32_t)((options->root + 4 * GN_ROOT_EMPTY) >> 32 * i));
+    }
+    writer->buffer = pointer_make(writer, root[0], root[1]);
+    uint32_t capacity = word_load(writer, constant_uint(writer, GN_ROOT_CAPACITY));
+    uint32_t mask = COMPUTE(writer, SpvOpISub, uint_, capacity, one);
+    atomic_add(writer, constant_uint(writer, GN_ROOT_FIRED), one);
+    start = writer->label;
+    EMIT(&writer->out, SpvOpBranch, header);
+    label_begin(writer, header);
+    EMIT(&writer->out, SpvOpPhi, uint_, at, key[0], start, next_at, next);
+    EMIT(&writer->out, SpvOpPhi, uint_, tries, zero, start, next_tries, next);
+    uint32_t slot = COMPUTE(writer, SpvOpBitwiseAnd, uint_, at, mask);
+    slot = COMPUTE(writer, SpvOpIMul, uint_, slot, constant_uint(writer, GN_ROOT_ENTRY));
+    uint32_t words[4], same[2];
+    for (uint32_t i = 0; i < 4; i++) {
+        words[i] = COMPUTE(writer, SpvOpIAdd, uint_, slot, constant_uint(writer, GN_ROOT_HEADER + i));
+        words[i] = word_load(writer, words[i]);
+    }
+    for (int i = 0; i < 2; i++)
+        same[i] = COMPUTE(writer, SpvOpIEqual, bool_, words[i], key[i]);
+    uint32_t found = COMPUTE(writer, SpvOpLogicalAnd, bool_, same[0], same[1]);
+    uint32_t any = COMPUTE(writer, SpvOpBitwiseOr, uint_, words[0], words[1]);
+    uint32_t over = COMPUTE(writer, SpvOpIEqual, bool_, any, zero);
+    uint32_t round = COMPUTE(writer, SpvOpUGreaterThanEqual, bool_, tries, capacity);
+    over = COMPUTE(writer, SpvOpLogicalOr, bool_, over, found);
+    over = COMPUTE(writer, SpvOpLogicalOr, bool_, over, round);
+    EMIT(&writer->out, SpvOpLoopMerge, done, next, 0);
+    EMIT(&writer->out, SpvOpBranchConditional, over, done, next);
+    label_begin(writer, next);
+    EMIT(&writer->out, SpvOpIAdd, uint_, next_at, at, one);
+    EMIT(&writer->out, SpvOpIAdd, uint_, next_tries, tries, one);
+    EMIT(&writer->out, SpvOpBranch, header);
+    label_begin(writer, done);
+    uint32_t low = COMPUTE(writer, SpvOpSelect, uint_, found, words[2], nowhere[0]);
+    uint32_t high = COMPUTE(writer, SpvOpSelect, uint_, found, words[3], nowhere[1]);
+    writer->buffer = pointer_make(writer, low, high);
 }
 
 /*
@@ -216,7 +301,11 @@ void records_function(struct writer *writer)
              done = new_id(writer), check = new_id(writer), mask = new_id(writer), next_check = new_id(writer),
              next_mask = new_id(writer);
     label_begin(writer, start);
-    uint32_t room = COMPUTE(writer, SpvOpLoad, uint_, buffer_word(writer, zero));
+    if (writer->analysis->options->root) {
+        buffer_find(writer);
+        start = writer->label;
+    }
+    uint32_t room = word_load(writer, zero);
     EMIT(out, SpvOpBranch, header);
     label_begin(writer, header);
     EMIT(out, SpvOpPhi, uint_, check, parameters[0], start, next_check, next);

@@ -44,3 +44,33 @@ bool gn_records_read(const uint32_t *words, size_t word_count, uint32_t check, s
     }
     return true;
 }
+
+void gn_root_reset(uint32_t *words, uint32_t capacity)
+{
+    memset(words, 0, GN_ROOT_WORDS(capacity) * sizeof *words);
+    words[GN_ROOT_CAPACITY] = capacity;
+}
+
+bool gn_root_enter(uint32_t *words, uint64_t key, uint64_t address)
+{
+    uint32_t capacity = words[GN_ROOT_CAPACITY], used = 0;
+    uint32_t *entry = NULL;
+    for (uint32_t i = 0; i < capacity; i++) {
+        const uint32_t *at = words + GN_ROOT_HEADER + (size_t)i * GN_ROOT_ENTRY;
+        used += (at[0] | at[1]) != 0;
+    }
+    if (used >= capacity - capacity / 4)
+        return false;
+    for (uint32_t i = (uint32_t)key;; i++) {
+        entry = words + GN_ROOT_HEADER + (size_t)(i & (capacity - 1)) * GN_ROOT_ENTRY;
+        if ((entry[0] | entry[1]) == 0 || (entry[0] == (uint32_t)key && entry[1] == (uint32_t)(key >> 32)))
+            break;
+    }
+    /* The address first: whoever finds the key finds it. */
+    entry[2] = (uint32_t)address;
+    entry[3] = (uint32_t)(address >> 32);
+    __atomic_thread_fence(__ATOMIC_RELEASE);
+    __atomic_store_n(&entry[1], (uint32_t)(key >> 32), __ATOMIC_RELAXED);
+    __atomic_store_n(&entry[0], (uint32_t)key, __ATOMIC_RELEASE);
+    return true;
+}

@@ -7,6 +7,13 @@
  *   checks   per check GN_RECORDS_CHECK words: how often it fired (low word, high word), then the first
  *            GN_RECORDS_KEPT records of it
  *   record   GN_RECORD_WORDS words, see enum gn_record_word; all zero until written
+ *
+ * Where many modules leave records, each has a buffer of that layout, and a table says where it is. The modules hold nothing but
+ * the table's address and a key made of their content, so that they are the same in every run. The table:
+ *
+ *   header   GN_ROOT_HEADER words, see enum gn_root_word
+ *   entries  GN_ROOT_ENTRY words each: key (low, high) and device address (low, high); the key 0 is free. An entry is
+ *            looked for from key & (capacity - 1) upwards, around the end, until it or a free one is found
  */
 #ifndef GN_CHECKS_SPIRV_RECORDS_H
 #define GN_CHECKS_SPIRV_RECORDS_H
@@ -34,6 +41,14 @@ enum gn_record_word {
     GN_RECORD_WRITTEN = 15, /* 1, written last */
 };
 
+enum gn_root_word {
+    GN_ROOT_CAPACITY, /* entries, a power of two; written by the host before use */
+    GN_ROOT_FIRED,    /* how often anything was reported, modulo 2^32 */
+    GN_ROOT_EMPTY = 4,/* the header of a buffer without room, for modules without an entry; its second word counts them */
+};
+#define GN_ROOT_HEADER 8
+#define GN_ROOT_ENTRY 4
+
 /* What the shadow state of a query says before the operation. 0 where the check needs no state. */
 #define GN_RECORD_STATE_INITIALIZED 1u
 #define GN_RECORD_STATE_CANDIDATE 2u
@@ -55,6 +70,11 @@ uint32_t gn_records_word_count(uint32_t check_count);
 void gn_records_reset(uint32_t *words, uint32_t check_count);
 /* Reads one check; false when the buffer has no room for it. */
 bool gn_records_read(const uint32_t *words, size_t word_count, uint32_t check, struct gn_records_check *out);
+/* Makes a table of that many entries, a power of two, ready for use. */
+void gn_root_reset(uint32_t *words, uint32_t capacity);
+#define GN_ROOT_WORDS(capacity) (GN_ROOT_HEADER + (size_t)GN_ROOT_ENTRY * (capacity))
+/* Enters where the buffer of `key` (not 0) is. False when the table is three quarters full. A device may read meanwhile. */
+bool gn_root_enter(uint32_t *words, uint64_t key, uint64_t address);
 uint32_t gn_record_checksum(const uint32_t record[GN_RECORD_WORDS]);
 
 #ifdef __cplusplus

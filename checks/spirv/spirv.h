@@ -18,7 +18,7 @@ extern "C" {
 #endif
 
 /* Changes whenever the words written for the same input and options change: part of the key of any cache. */
-#define GN_SPIRV_VERSION 1
+#define GN_SPIRV_VERSION 2
 
 enum gn_spirv_rule_index {
 #define GN_SPIRV_RULE(name) GN_SPIRV_RULE_##name,
@@ -46,7 +46,9 @@ struct gn_spirv_options {
     bool static_only;        /* judge, but write no instrumented module */
     bool without_proofs;     /* check at run time even what the flow analysis proves right; to measure what proofs save */
     bool without_validation; /* trust the module to be valid SPIR-V, which spares SPIRV-Tools' validation */
-    uint32_t set, binding;   /* of the storage buffer that records go to */
+    uint64_t disabled;       /* a bit per rule that is not to be evaluated */
+    uint32_t set, binding;   /* of the storage buffer that records go to, unless `root` says otherwise */
+    uint64_t root, key;      /* the device address of a table of buffers, 0 for none, and the module's key in it (records.h) */
 };
 
 enum gn_spirv_status {

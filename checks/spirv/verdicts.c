@@ -104,7 +104,8 @@ void verdicts_make(struct analysis *analysis)
 {
     uint64_t applicable = 0;
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++)
-        if (gn_spirv_rule_at(rule)->severity[analysis->options->profile] != GN_SEVERITY_SILENT)
+        if (gn_spirv_rule_at(rule)->severity[analysis->options->profile] != GN_SEVERITY_SILENT &&
+            !(analysis->options->disabled >> rule & 1))
             applicable |= UINT64_C(1) << rule;
     for (uint32_t s = 0; s < analysis->site_count; s++) {
         struct site *site = &analysis->sites[s];

@@ -40,7 +40,8 @@ struct writer {
     uint32_t label;           /* of the block being written */
     const struct inst *line, *scope, *debug_line; /* what has to be said again when a block is split */
 
-    uint32_t record_function, record_type, buffer;
+    uint32_t record_function, record_type;
+    uint32_t buffer, buffer_pointer, buffer_class; /* where records go: a variable or an address, its type and storage class */
     uint32_t invocation_kind; /* execution model whose built-in says which invocation it is, or NONE */
     uint32_t invocation[2];   /* built-in variables */
     uint32_t *state_of, *tmax_of; /* per root: the shadow variable or parameter, or 0 */

@@ -176,6 +176,7 @@ static bool keeps_what_was_there(const uint32_t *before, size_t before_count, co
         uint32_t opcode = before[from] & 0xFFFF, length = before[from] >> 16;
         switch (opcode) {
         case SpvOpPhi:
+        case SpvOpMemoryModel: /* becomes a physical one */
         case SpvOpEntryPoint:
         case SpvOpFunction:
         case SpvOpFunctionCall:
@@ -201,9 +202,14 @@ static void what_is_written_is_valid(void **state)
     uint32_t count = modules_list(names, 256);
     for (uint32_t n = 0; n < count; n++)
         for (int form = 0; form < FORM_COUNT; form++)
-            for (int all = 0; all < 2; all++) {
-                const struct gn_spirv_options options = {
-                    .profile = all ? GN_PROFILE_WGPU : GN_PROFILE_VULKAN, .set = 7, .binding = 3, .without_proofs = all};
+            for (int way = 0; way < 4; way++) { /* with proofs or without, records in a descriptor or at an address */
+                bool all = way & 1, address = way & 2;
+                const struct gn_spirv_options options = {.profile = all ? GN_PROFILE_WGPU : GN_PROFILE_VULKAN,
+                                                         .set = 7,
+                                                         .binding = 3,
+                                                         .root = address ? UINT64_C(0x4700001000) : 0,
+                                                         .key = UINT64_C(0x123456789ABCDEF1),
+                                                         .without_proofs = all};
                 struct gn_spirv_result first, second;
                 size_t size;
                 uint32_t *words = module_load(form_names[form], names[n], &size);
@@ -221,8 +227,8 @@ static void what_is_written_is_valid(void **state)
                 }
                 bool kept = !first.words || keeps_what_was_there(words, size, first.words, first.word_count);
                 if (!same || !valid || !kept) {
-                    print_error("%s (%s%s): %s%s%s%s\n", names[n], form_names[form], all ? ", without proofs" : "",
-                                same ? "" : "differs in a second run; ", kept ? "" : "an instruction is lost; ",
+                    print_error("%s (%s%s%s): %s%s%s%s\n", names[n], form_names[form], all ? ", without proofs" : "",
+                                address ? ", at an address" : "", same ? "" : "differs in a second run; ", kept ? "" : "an instruction is lost; ",
                                 valid ? "" : "not valid: ", valid ? "" : message);
                     failures++;
                 }
