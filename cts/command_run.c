@@ -10,6 +10,7 @@
 
 #include "cts/arguments.h"
 #include "cts/commands.h"
+#include "cts/driver.h"
 #include "cts/progress.h"
 #include "cts/runner.h"
 

@@ -5,6 +5,7 @@
 #include <errno.h>
 #include <fcntl.h>
 #include <inttypes.h>
+#include <limits.h>
 #include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -15,6 +16,8 @@
 #include <sys/wait.h>
 #include <time.h>
 #include <unistd.h>
+
+#include "cts/driver.h"
 
 /* A line longer than this is no result: a picture of 16 million rays is a tenth of it. */
 #define MAX_LINE ((size_t)256 << 20)
@@ -36,7 +39,7 @@ static void close_all(struct gn_process *process)
 }
 
 /* Between fork and exec: only what is safe there. */
-static void become_worker(char *const *arguments, int in, int out, int noise, int null, pid_t parent)
+static void become_worker(const char *program, char *const *arguments, int in, int out, int noise, int null, pid_t parent)
 {
     setpgid(0, 0);
     prctl(PR_SET_PDEATHSIG, SIGKILL);
@@ -51,8 +54,8 @@ static void become_worker(char *const *arguments, int in, int out, int noise, in
     /* The descriptors are all above 9 (see high()), so that none is overwritten before it is copied. */
     if (dup2(null, 0) < 0 || dup2(noise, 1) < 0 || dup2(noise, 2) < 0 || dup2(in, 3) < 0 || dup2(out, 4) < 0)
         _exit(3);
-    execv("/proc/self/exe", arguments);
-    static const char message[] = "gnomon: cannot start itself through /proc/self/exe\n";
+    execv(program, arguments);
+    static const char message[] = "gnomon: cannot start the worker's program\n";
     if (write(2, message, sizeof message - 1) < 0)
         _exit(3);
     _exit(3);
@@ -76,12 +79,25 @@ bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed
     *process = (struct gn_process){0, -1, -1, -1, NULL, 0, 0};
     snprintf(seed_text, sizeof seed_text, "%" PRIu64, seed);
     snprintf(scale_text, sizeof scale_text, "%a", scale);
-    char *arguments[] = {(char *)(uintptr_t) "gnomon",
-                         (char *)(uintptr_t) "worker",
-                         (char *)(uintptr_t)icd,
-                         seed_text,
-                         scale_text,
-                         NULL};
+    struct gn_arena arena = {0};
+    struct gn_driver_loader loader = gn_driver_loader(icd, &arena);
+    const char *own = "/proc/self/exe", *arguments[16];
+    char own_path[PATH_MAX];
+    size_t argument_count = 0;
+    arguments[argument_count++] = "gnomon";
+    if (loader.loader) {
+        /* The loader would take /proc/self/exe for itself. */
+        ssize_t length = readlink(own, own_path, sizeof own_path - 1);
+        own_path[length > 0 ? length : 0] = 0;
+        arguments[argument_count++] = "--library-path";
+        arguments[argument_count++] = loader.libraries;
+        arguments[argument_count++] = own_path;
+    }
+    arguments[argument_count++] = "worker";
+    arguments[argument_count++] = icd;
+    arguments[argument_count++] = seed_text;
+    arguments[argument_count++] = scale_text;
+    arguments[argument_count] = NULL;
 
     null = high(open("/dev/null", O_RDWR | O_CLOEXEC));
     /* Opened by its name in /proc for an append mode of its own: the worker's prints then survive our
@@ -112,7 +128,7 @@ bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed
         goto fail;
     }
     if (pid == 0)
-        become_worker(arguments, in[0], out[1], process->noise, null, parent);
+        become_worker(loader.loader ? loader.loader : own, (char *const *)(uintptr_t)arguments, in[0], out[1], process->noise, null, parent);
     setpgid(pid, pid);
     process->pid = pid;
     process->to = in[1];
@@ -121,8 +137,10 @@ bool gn_process_start(struct gn_process *process, const char *icd, uint64_t seed
     close(out[1]);
     close(null);
     fcntl(process->from, F_SETFL, O_NONBLOCK);
+    gn_arena_finish(&arena);
     return true;
 fail:
+    gn_arena_finish(&arena);
     for (int i = 0; i < 2; i++) {
         if (in[i] >= 0)
             close(in[i]);

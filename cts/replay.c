@@ -9,6 +9,7 @@
 #include <unistd.h>
 
 #include "cts/commands.h"
+#include "cts/driver.h"
 #include "cts/describe.h"
 #include "cts/progress.h"
 #include "cts/select.h"

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which cases a run has: the catalogue, filters, shards, drivers by name, expectations. */
+/* Which cases a run has: the catalogue, filters, shards, expectations. */
 #ifndef GNOMON_CTS_SELECT_H
 #define GNOMON_CTS_SELECT_H
 
@@ -28,13 +28,6 @@ bool gn_pattern_matches(const char *pattern, const char *name);
  */
 size_t gn_select(struct gn_selected *cases, size_t count, const char *const *filters, size_t filter_count,
                  uint32_t shard, uint32_t shard_count, char *out_error, size_t error_size);
-
-/*
- * The ICD file of --driver: a path, or "lavapipe". NULL with a message when there is no such file, it is no
- * ICD file, or the name is unknown. Without a name: lavapipe, unless the environment (VK_DRIVER_FILES,
- * VK_ICD_FILENAMES) chooses, which gives "".
- */
-const char *gn_driver_resolve(const char *name, struct gn_arena *arena, char *out_error, size_t error_size);
 
 /* One line of an expectation file. */
 struct gn_expectation {

@@ -9,8 +9,10 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
+#include "cts/driver.h"
 #include "cts/select.h"
 
 static void patterns(void **state)
@@ -221,11 +223,56 @@ static void drivers(void **state)
     gn_arena_finish(&arena);
 }
 
+/* A driver in a folder of its own is found by name, and started with the dynamic loader that lies there. */
+static void drivers_in_roots(void **state)
+{
+    static const char *const folders[] = {"", "/sid", "/sid/icd.d", "/sid/root", "/sid/root/usr", "/sid/root/usr/lib",
+                                          "/sid/root/usr/lib/x86_64-linux-gnu"};
+    static const struct {
+        const char *path, *text;
+    } files[] = {{"/sid/icd.d/lvp_icd.x86_64.json", "{\"ICD\": {\"library_path\": \"/x/libvulkan_lvp.so\"}}"},
+                 {"/sid/root/usr/lib/x86_64-linux-gnu/ld-linux-x86-64.so.2", "no loader"}};
+    struct gn_arena arena = {0};
+    char base[] = "/tmp/gnomon-test-XXXXXX", error[600], path[256];
+    (void)state;
+    assert_non_null(mkdtemp(base));
+    for (size_t i = 1; i < sizeof folders / sizeof folders[0]; i++) {
+        snprintf(path, sizeof path, "%s%s", base, folders[i]);
+        assert_int_equal(mkdir(path, 0777), 0);
+    }
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        snprintf(path, sizeof path, "%s%s", base, files[i].path);
+        assert_true(gn_file_write(path, files[i].text, strlen(files[i].text), error, sizeof error));
+    }
+    setenv("GNOMON_DRIVERS", base, 1);
+    assert_null(gn_driver_resolve("nosuch", &arena, error, sizeof error));
+    assert_null(gn_driver_resolve("..", &arena, error, sizeof error));
+    const char *icd = gn_driver_resolve("sid", &arena, error, sizeof error);
+    assert_non_null(icd);
+    struct gn_driver_loader loader = gn_driver_loader(icd, &arena);
+    snprintf(path, sizeof path, "%s%s", base, files[1].path);
+    assert_string_equal(loader.loader, path);
+    assert_memory_equal(loader.libraries, path, strlen(base) + strlen(folders[6]));
+    assert_null(gn_driver_loader("/usr/share/vulkan/icd.d/lvp_icd.json", &arena).loader);
+    unsetenv("GNOMON_DRIVERS");
+    assert_null(gn_driver_loader(icd, &arena).loader);
+    for (size_t i = sizeof files / sizeof files[0]; i-- > 0;) {
+        snprintf(path, sizeof path, "%s%s", base, files[i].path);
+        unlink(path);
+    }
+    for (size_t i = sizeof folders / sizeof folders[0]; i-- > 0;) {
+        snprintf(path, sizeof path, "%s%s", base, folders[i]);
+        assert_int_equal(rmdir(path), 0);
+    }
+    gn_arena_finish(&arena);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(patterns), cmocka_unit_test(selection), cmocka_unit_test(expectation_files),
         cmocka_unit_test(outcomes), cmocka_unit_test(drivers),
+        cmocka_unit_test(drivers_in_roots),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -16,6 +16,13 @@ expect_text 'the message names the option' "$scratch/err" 'unknown option --nosu
 expect_status 'unknown preset of build' 2 "$gnomon" build nosuch
 expect_status 'build with two presets' 2 "$gnomon" build release debug
 expect_status 'setup with an argument' 2 "$gnomon" setup now
+expect_status 'driver without an action' 2 "$gnomon" driver
+expect_status 'a driver without its suite' 2 "$gnomon" driver add mine
+expect_text 'the message names what is missing' "$scratch/err" 'expected --suite'
+expect_status 'a driver with a name that is a path' 2 "$gnomon" driver add ../mine --suite sid
+expect_status 'a driver with the name of our own' 2 "$gnomon" driver add lavapipe --suite sid
+expect_status 'removing what is not there' 2 "$gnomon" driver remove mine
+expect_status 'removing a path' 2 "$gnomon" driver remove ..
 expect_status 'unknown environment' 2 env GNOMON_ENVIRONMENT=nosuch "$gnomon" setup
 expect_text 'the message names the choices' "$scratch/err" "'nosuch'; expected private or host"
 expect_status 'cache that cannot be made' 3 env GNOMON_ENVIRONMENT=private GNOMON_CACHE=/proc/nosuch "$gnomon" setup
