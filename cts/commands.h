@@ -9,6 +9,7 @@ int gn_command_replay(int argc, char **argv);
 int gn_command_instrument(int argc, char **argv);
 int gn_command_accuracy(int argc, char **argv);
 int gn_command_rules(int argc, char **argv);
+int gn_command_layer(int argc, char **argv);
 
 /* What the user types for this program: GNOMON_COMMAND, which a wrapper may set, or argv[0] of main(). */
 extern const char *gn_command_name;

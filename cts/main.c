@@ -20,6 +20,7 @@ static const struct {
      "re-run a failing ray or case and explain it step by step"},
     {"accuracy", gn_command_accuracy, "gnomon accuracy", "measure what accuracy costs in time: table and plot"},
     {"instrument", gn_command_instrument, "gnomon instrument", "judge one shader and write it with run-time checks"},
+    {"layer", gn_command_layer, "gnomon layer", "run an application under the layer and judge its use of ray tracing"},
     {"rules", gn_command_rules, "gnomon rules", "list the layer's rules, with severity, remedy and sources"},
     {"worker", gn_worker_main, "gnomon worker", NULL},
 };

@@ -2,6 +2,7 @@
 /* Instances, their messengers, and what is left to say when a process ends without destroying them. */
 #include "layer/layer.h"
 #include "layer/log.h"
+#include "layer/sarif.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -30,6 +31,7 @@ static void instance_free(struct gn_instance *instance)
         free(site);
     gn_map_finish(&instance->sites);
     gn_log_close(instance->log);
+    gn_sarif_close(instance->sarif);
     gn_settings_finish(&instance->settings);
     free(instance->messengers);
     pthread_mutex_destroy(&instance->lock);
@@ -80,12 +82,20 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateInstance(const VkInstanceCreateInf
     for (int kind = 0; kind < GN_COMMAND_KIND_COUNT; kind++)
         if (gn_rules_about_command((enum gn_command_kind)kind, &instance->settings.rules, instance->settings.profile))
             instance->judged_commands |= UINT32_C(1) << kind;
+    char problem[512];
     if (instance->settings.log_file) {
-        char problem[512];
-        instance->log = gn_log_open(instance->settings.log_file, problem, sizeof problem);
+        instance->log = gn_log_open(instance->settings.log_file, "log_file", problem, sizeof problem);
         if (!instance->log)
             gn_report_say(instance, GN_SEVERITY_WARNING, "settings", problem);
     }
+    if (instance->settings.sarif_file) {
+        instance->sarif = gn_sarif_open(instance->settings.sarif_file, instance->settings.profile, problem, sizeof problem);
+        if (!instance->sarif)
+            gn_report_say(instance, GN_SEVERITY_WARNING, "settings", problem);
+    }
+    if (!gn_signals_watch(&instance->settings))
+        gn_report_say(instance, GN_SEVERITY_WARNING, "settings",
+                      "statement_signal: the application handles that signal itself. The layer leaves it alone.");
     for (uint32_t i = 0; i < instance->settings.warning_count; i++)
         gn_report_say(instance, GN_SEVERITY_WARNING, "settings", instance->settings.warnings[i]);
     pthread_mutex_lock(&living_lock);
@@ -120,9 +130,8 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyInstance(VkInstance handle, const VkA
     instance_free(instance);
 }
 
-/* Many applications end without destroying anything. Their log still gets its statement; nothing of Vulkan may be called
- * here, and their messengers may be gone. */
-__attribute__((destructor)) static void close_the_living(void)
+/* Nothing of Vulkan may be called any more, and the application's messengers may be gone. */
+void gn_instances_close(const char *ending)
 {
     pthread_mutex_lock(&living_lock);
     size_t cursor = 0;
@@ -132,9 +141,25 @@ __attribute__((destructor)) static void close_the_living(void)
         instance->messenger_count = 0;
         pthread_mutex_unlock(&instance->lock);
         atomic_fetch_add(&instance->tally.unjudged[GN_UNJUDGED_not_completed], atomic_exchange(&instance->open_judgements, 0));
-        gn_report_close(instance, "the process ended without destroying the instance");
+        gn_report_close(instance, ending);
     }
     pthread_mutex_unlock(&living_lock);
+}
+
+void gn_instances_state(const char *ending)
+{
+    pthread_mutex_lock(&living_lock);
+    size_t cursor = 0;
+    struct gn_instance *instance;
+    while ((instance = gn_map_next(&living, &cursor)))
+        gn_report_state(instance, ending);
+    pthread_mutex_unlock(&living_lock);
+}
+
+/* Many applications end without destroying anything. */
+__attribute__((destructor)) static void close_the_living(void)
+{
+    gn_instances_close("the process ended without destroying the instance");
 }
 
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDebugUtilsMessengerEXT(VkInstance handle,

@@ -69,6 +69,7 @@ struct gn_messenger {
 };
 
 struct gn_log;
+struct gn_sarif;
 
 struct gn_instance {
     VkInstance handle;
@@ -85,6 +86,7 @@ struct gn_instance {
     uint32_t messenger_count;
     struct gn_map sites; /* findings by site */
     struct gn_log *log;
+    struct gn_sarif *sarif;
     const char *unjudged_extensions[16]; /* enabled by the application, recognised, not judged; static strings */
     uint32_t unjudged_extension_count;
     unsigned long long evaluated[256];   /* per rule of the catalogue */
@@ -331,6 +333,14 @@ bool gn_device_register(struct gn_device *device);
 void gn_device_forget(struct gn_device *device);
 const void *gn_chain_find(const void *chain, VkStructureType type);
 
+/* instance.c: of every instance alive. Closing is for the end of the process: nothing of Vulkan is called, and no messenger. */
+void gn_instances_close(const char *ending);
+void gn_instances_state(const char *ending);
+
+/* signals.c: makes the process's signals do what the settings say. False if the application has a handler of its own for the statement
+ * signal. */
+bool gn_signals_watch(const struct gn_settings *settings);
+
 /* device.c */
 static inline void gn_tally_check(struct gn_device *device, enum gn_checked what, uint64_t count)
 {
@@ -460,8 +470,10 @@ void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *b
 void gn_report_flush(struct gn_instance *instance, struct gn_findings *findings);
 /* A message about the layer's own conduct (its settings, say) to messengers and stderr. */
 void gn_report_say(struct gn_instance *instance, enum gn_severity severity, const char *id, const char *text);
-/* The last counts and the closing statement to every sink; closes the log. `ending` says how it came to this. */
+/* The last counts and the closing statement to every sink, once. `ending` says how it came to this. */
 void gn_report_close(struct gn_instance *instance, const char *ending);
+/* What there is to state so far, to stderr and the log: messengers are for the application's own threads. */
+void gn_report_state(struct gn_instance *instance, const char *ending);
 void gn_messenger_add(struct gn_instance *instance, VkDebugUtilsMessengerEXT handle,
                       const VkDebugUtilsMessengerCreateInfoEXT *info);
 void gn_messenger_remove(struct gn_instance *instance, VkDebugUtilsMessengerEXT handle);

@@ -30,13 +30,13 @@ struct gn_log {
 static pthread_mutex_t files_lock = PTHREAD_MUTEX_INITIALIZER;
 static struct gn_log *files;
 
-struct gn_log *gn_log_open(const char *path, char *problem, size_t problem_size)
+struct gn_log *gn_log_open(const char *path, const char *setting, char *problem, size_t problem_size)
 {
     struct gn_log *log = NULL;
     struct stat status;
     int fd = open(path, O_WRONLY | O_CREAT | O_CLOEXEC | O_NOCTTY, 0666);
     if (fd < 0 || fstat(fd, &status) != 0) {
-        snprintf(problem, problem_size, "log_file: cannot write \"%s\": %s. There will be no log.", path, strerror(errno));
+        snprintf(problem, problem_size, "%s: cannot write \"%s\": %s. The file is left out.", setting, path, strerror(errno));
         goto fail;
     }
     pthread_mutex_lock(&files_lock);
@@ -64,7 +64,7 @@ struct gn_log *gn_log_open(const char *path, char *problem, size_t problem_size)
     }
     pthread_mutex_unlock(&files_lock);
     if (!log)
-        snprintf(problem, problem_size, "log_file: out of memory. There will be no log.");
+        snprintf(problem, problem_size, "%s: out of memory. The file is left out.", setting);
 fail:
     if (fd >= 0)
         close(fd);
@@ -118,6 +118,19 @@ static int64_t add_line(struct gn_log *log, const char *data, size_t size)
     log->end += (int64_t)size;
     pthread_mutex_unlock(&log->lock);
     return log->seekable ? at : -1;
+}
+
+int64_t gn_log_insert(struct gn_log *log, const char *text, size_t size, const char *tail, size_t tail_size)
+{
+    if (!log->seekable)
+        return -1;
+    pthread_mutex_lock(&log->lock);
+    int64_t at = log->end;
+    write_all(log, text, size, at);
+    write_all(log, tail, tail_size, at + (int64_t)size);
+    log->end += (int64_t)size;
+    pthread_mutex_unlock(&log->lock);
+    return at;
 }
 
 void gn_log_line(struct gn_log *log, const char *text, size_t size)
@@ -213,6 +226,15 @@ void gn_text_add(struct gn_text *text, const char *format, ...)
     vsnprintf(text->data + text->size, (size_t)size + 1, format, arguments);
     va_end(arguments);
     text->size += (size_t)size;
+}
+
+void gn_text_add_all(struct gn_text *text, const char *data, size_t size)
+{
+    if (!reserve(text, size + 1))
+        return;
+    memcpy(text->data + text->size, data, size);
+    text->size += size;
+    text->data[text->size] = '\0';
 }
 
 /* The length of the UTF-8 sequence at `s`; 0 when it is not one (overlong, surrogate, cut off). */

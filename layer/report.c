@@ -3,6 +3,7 @@
  * the log. And the closing statement: what was checked, what was not, and why. */
 #include "layer/layer.h"
 #include "layer/log.h"
+#include "layer/sarif.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -11,7 +12,7 @@
 /* A finding at one site, however often it recurs. */
 struct gn_site {
     uint64_t count;
-    int64_t place; /* of the count in the log, -1 before it is there */
+    int64_t place, sarif_place; /* of the count in the files, -1 before it is there */
 };
 
 struct gn_pending_finding {
@@ -34,6 +35,14 @@ void gn_findings_init(struct gn_findings *findings)
 
 /* The first of each power of two of a count goes to the log at once, so that a killed process leaves nearly the right
  * number; the closing of the log writes the last one. */
+static void recount(struct gn_instance *instance, const struct gn_site *site)
+{
+    if (instance->log)
+        gn_log_recount(instance->log, site->place, site->count);
+    if (instance->sarif)
+        gn_sarif_recount(instance->sarif, site->sarif_place, site->count);
+}
+
 static bool repeated(void *context, const struct gn_rule *rule, uint64_t key)
 {
     struct gn_instance *instance = ((struct collector *)context)->instance;
@@ -44,13 +53,13 @@ static bool repeated(void *context, const struct gn_rule *rule, uint64_t key)
     instance->findings++;
     if (site) {
         site->count++;
-        if (instance->log && (site->count & (site->count - 1)) == 0)
-            gn_log_recount(instance->log, site->place, site->count);
+        if ((site->count & (site->count - 1)) == 0)
+            recount(instance, site);
     } else {
         known = false;
         site = malloc(sizeof *site);
         if (site) {
-            *site = (struct gn_site){.count = 1, .place = -1};
+            *site = (struct gn_site){.count = 1, .place = -1, .sarif_place = -1};
             if (!gn_map_put(&instance->sites, key, site))
                 free(site);
         }
@@ -217,14 +226,23 @@ void gn_report_flush(struct gn_instance *instance, struct gn_findings *findings)
         const struct gn_finding *finding = &pending->finding;
         if (finding->severity >= instance->settings.severity_floor) {
             pthread_mutex_lock(&instance->lock);
-            instance->sites_reported++;
-            struct gn_site *site = gn_map_get(&instance->sites, pending->site);
-            if (instance->log) {
-                int64_t place = gn_log_finding(instance->log, finding, site ? site->count : 1);
-                if (site)
-                    site->place = place;
-            }
+            struct gn_site *site = gn_map_get(&instance->sites, pending->site), none = {.count = 1};
+            if (!site)
+                site = &none;
+            if (instance->log)
+                site->place = gn_log_finding(instance->log, finding, site->count);
+            if (instance->sarif)
+                site->sarif_place = gn_sarif_finding(instance->sarif, finding, pending->site, site->count);
+            unsigned long long told = instance->sites_reported++, cap = instance->settings.report_cap;
             pthread_mutex_unlock(&instance->lock);
+            if (cap && told >= cap) {
+                free(pending);
+                if (told == cap)
+                    gn_report_say(instance, GN_SEVERITY_NOTE, "report_cap",
+                                  "as many findings were told as the setting report_cap allows. The rest is counted, and goes to the "
+                                  "files.");
+                continue;
+            }
 
             struct gn_text text = {0};
             gn_text_add(&text, "%s\nRemedy: %s\nSource:", finding->message, finding->rule->remedy);
@@ -337,27 +355,46 @@ static void add_summary(struct gn_instance *instance, struct gn_text *text)
                     gn_rules_count());
 }
 
+/* The statement to the files; its summary for people is left to the caller. */
+static void state(struct gn_instance *instance, const char *ending, bool last, struct gn_text *out_summary)
+{
+    struct gn_text statement = {0};
+    pthread_mutex_lock(&instance->lock);
+    if (instance->closed)
+        goto done;
+    instance->closed = last;
+    add_statement(instance, &statement, ending);
+    /* An application that never touched an acceleration structure hears nothing. */
+    if (atomic_load(&instance->tracked_devices))
+        add_summary(instance, out_summary);
+    size_t cursor = 0;
+    const struct gn_site *site;
+    while ((site = gn_map_next(&instance->sites, &cursor)))
+        recount(instance, site);
+    if (instance->log && !statement.failed)
+        gn_log_line(instance->log, statement.data, statement.size);
+    if (instance->sarif && !statement.failed && last)
+        gn_sarif_statement(instance->sarif, statement.data);
+done:
+    pthread_mutex_unlock(&instance->lock);
+    gn_text_finish(&statement);
+}
+
 void gn_report_close(struct gn_instance *instance, const char *ending)
 {
-    struct gn_text statement = {0}, summary = {0};
-    pthread_mutex_lock(&instance->lock);
-    bool first = !instance->closed;
-    instance->closed = true;
-    if (first) {
-        add_statement(instance, &statement, ending);
-        add_summary(instance, &summary);
-        size_t cursor = 0;
-        struct gn_site *site;
-        while (instance->log && (site = gn_map_next(&instance->sites, &cursor)))
-            gn_log_recount(instance->log, site->place, site->count);
-        if (instance->log && !statement.failed)
-            gn_log_line(instance->log, statement.data, statement.size);
-    }
-    pthread_mutex_unlock(&instance->lock);
-    /* An application that never touched an acceleration structure hears nothing. */
-    if (first && atomic_load(&instance->tracked_devices) && !summary.failed)
+    struct gn_text summary = {0};
+    state(instance, ending, true, &summary);
+    if (summary.data && !summary.failed)
         gn_report_say(instance, GN_SEVERITY_NOTE, "statement", summary.data);
-    gn_text_finish(&statement);
+    gn_text_finish(&summary);
+}
+
+void gn_report_state(struct gn_instance *instance, const char *ending)
+{
+    struct gn_text summary = {0};
+    state(instance, ending, false, &summary);
+    if (summary.data && !summary.failed && instance->settings.report_stderr)
+        fprintf(stderr, "gnomon: note: statement: %s: %s\n", ending, summary.data);
     gn_text_finish(&summary);
 }
 

@@ -5,6 +5,7 @@
 #include "layer/settings.h"
 
 #include <errno.h>
+#include <signal.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -68,6 +69,20 @@ static bool parse_count(const char *text, uint32_t *out)
         return false;
     *out = (uint32_t)value;
     return true;
+}
+
+static bool parse_signal(const char *text, int *out)
+{
+    static const struct {
+        const char *name;
+        int number;
+    } signals[] = {{"none", 0}, {"USR1", SIGUSR1}, {"USR2", SIGUSR2}};
+    for (size_t i = 0; i < sizeof signals / sizeof signals[0]; i++)
+        if (strcmp(signals[i].name, text) == 0) {
+            *out = signals[i].number;
+            return true;
+        }
+    return false;
 }
 
 static void put_masks(struct gn_settings *out, const char *const *values, uint32_t count)
@@ -144,6 +159,18 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
     if (strcmp(key, "log_file") == 0) {
         if (*value)
             out->log_file = parse_path(value);
+    } else if (strcmp(key, "sarif_file") == 0) {
+        if (*value)
+            out->sarif_file = parse_path(value);
+    } else if (strcmp(key, "report_cap") == 0) {
+        if (!parse_count(value, &out->report_cap))
+            warn(out, "report_cap: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "statement_signal") == 0) {
+        if (!parse_signal(value, &out->statement_signal))
+            warn(out, "statement_signal: expected none, USR1 or USR2, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "crash_statement") == 0) {
+        if (!parse_bool(value, &out->crash_statement))
+            warn(out, "crash_statement: expected true or false, found \"%s\". The default is used.", value);
     } else if (strcmp(key, "report_stderr") == 0) {
         if (!parse_bool(value, &out->report_stderr))
             warn(out, "report_stderr: expected true or false, found \"%s\". The default is used.", value);
@@ -284,5 +311,6 @@ void gn_settings_finish(struct gn_settings *settings)
         free(settings->warnings[i]);
     free(settings->warnings);
     free(settings->log_file);
+    free(settings->sarif_file);
     *settings = (struct gn_settings){0};
 }

@@ -16,7 +16,11 @@
 
 struct gn_settings {
     char *log_file; /* NULL: no log; %p already replaced */
+    char *sarif_file; /* the same */
     bool report_stderr;
+    uint32_t report_cap; /* 0: no bound */
+    int statement_signal; /* 0: none */
+    bool crash_statement;
     enum gn_severity severity_floor;
     enum gn_profile profile;
     struct gn_rule_set rules;

@@ -339,6 +339,108 @@ static void the_process_id_in_the_path(void **state)
     lines_free(&lines);
 }
 
+/* What the schema of SARIF 2.1.0 requires of every object that the layer writes. */
+static void expect_sarif(const char *text, uint32_t results, uint32_t invocations)
+{
+    yyjson_doc *document = yyjson_read(text, strlen(text), 0);
+    if (!document)
+        fail_msg("not JSON: %s", text);
+    yyjson_val *root = yyjson_doc_get_root(document), *runs = yyjson_obj_get(root, "runs"), *run = yyjson_arr_get_first(runs);
+    assert_string_equal(yyjson_get_str(yyjson_obj_get(root, "version")), "2.1.0");
+    assert_int_equal(yyjson_arr_size(runs), 1);
+    yyjson_val *driver = yyjson_obj_get(yyjson_obj_get(run, "tool"), "driver");
+    assert_string_equal(yyjson_get_str(yyjson_obj_get(driver, "name")), "Gnomon");
+    yyjson_val *rules = yyjson_obj_get(driver, "rules"), *list = yyjson_obj_get(run, "results"), *item;
+    size_t i, max;
+    assert_true(yyjson_arr_size(rules) > 0);
+    yyjson_arr_foreach(rules, i, max, item)
+    {
+        static const char *const texts[] = {"shortDescription", "fullDescription", "help"};
+        const char *level = yyjson_get_str(yyjson_obj_get(yyjson_obj_get(item, "defaultConfiguration"), "level"));
+        assert_non_null(yyjson_get_str(yyjson_obj_get(item, "id")));
+        assert_true(level && strstr("none note warning error", level));
+        for (int k = 0; k < 3; k++)
+            assert_non_null(yyjson_get_str(yyjson_obj_get(yyjson_obj_get(item, texts[k]), "text")));
+    }
+    assert_int_equal(yyjson_arr_size(list), results);
+    yyjson_arr_foreach(list, i, max, item)
+    {
+        const char *level = yyjson_get_str(yyjson_obj_get(item, "level"));
+        yyjson_val *rule = yyjson_arr_get(rules, (size_t)yyjson_get_uint(yyjson_obj_get(item, "ruleIndex")));
+        assert_string_equal(yyjson_get_str(yyjson_obj_get(item, "ruleId")), yyjson_get_str(yyjson_obj_get(rule, "id")));
+        assert_true(level && strstr("none note warning error", level));
+        assert_non_null(yyjson_get_str(yyjson_obj_get(yyjson_obj_get(item, "message"), "text")));
+        assert_true(yyjson_get_uint(yyjson_obj_get(item, "occurrenceCount")) >= 1);
+        yyjson_val *location = yyjson_arr_get_first(yyjson_obj_get(item, "locations"));
+        assert_non_null(yyjson_get_str(
+            yyjson_obj_get(yyjson_arr_get_first(yyjson_obj_get(location, "logicalLocations")), "name")));
+    }
+    list = yyjson_obj_get(run, "invocations");
+    assert_int_equal(list ? yyjson_arr_size(list) : 0, invocations);
+    yyjson_arr_foreach(list, i, max, item)
+    {
+        assert_true(yyjson_get_bool(yyjson_obj_get(item, "executionSuccessful")));
+        assert_non_null(yyjson_obj_get(yyjson_obj_get(item, "properties"), "statement"));
+    }
+    yyjson_doc_free(document);
+}
+
+static void sarif_is_whole_at_every_time(void **state)
+{
+    (void)state;
+    char sarif[80];
+    snprintf(sarif, sizeof sarif, "%s.sarif", path);
+    setenv(ENV "SARIF_FILE", sarif, 1);
+    for (uint32_t pass = 0; pass < 2; pass++) {
+        struct world *world = world_create();
+        struct structure blases[] = {blas_create(world, BLAS, 0), blas_create(world, BLAS, 0)};
+        structure_name(world, &blases[0], "a \"tree\"\\ \xFF");
+        for (uint32_t i = 0; i < 2; i++) {
+            struct structure tlas = tlas_create(world, 1);
+            char *text = file_read(sarif);
+            expect_sarif(text, 2 * pass + i, pass);
+            free(text);
+            tlas_refer(&tlas, 0, blases[i].address);
+            build_times(world, &tlas, 5);
+            structure_destroy(world, &tlas);
+        }
+        structure_destroy(world, &blases[0]);
+        structure_destroy(world, &blases[1]);
+        world_finish(world);
+        free(world);
+        char *text = file_read(sarif);
+        expect_sarif(text, 2 * pass + 2, pass + 1);
+        assert_non_null(strstr(text, "\"occurrenceCount\":5 "));
+        free(text);
+    }
+    unsetenv(ENV "SARIF_FILE");
+    unlink(sarif);
+}
+
+/* Findings beyond the cap reach the log, though nobody else. */
+static void the_cap_bounds_what_is_told(void **state)
+{
+    (void)state;
+    setenv(ENV "REPORT_CAP", "2", 1);
+    struct world *world = world_create();
+    struct structure tlas = tlas_create(world, 1), blases[4];
+    for (uint32_t i = 0; i < 4; i++) {
+        blases[i] = blas_create(world, BLAS, 0);
+        tlas_refer(&tlas, 0, blases[i].address);
+        build_times(world, &tlas, 1);
+    }
+    for (uint32_t i = 0; i < 4; i++)
+        structure_destroy(world, &blases[i]);
+    structure_destroy(world, &tlas);
+    world_finish(world);
+    unsetenv(ENV "REPORT_CAP");
+    assert_int_equal(messages_count(world, NEVER_BUILT), 2);
+    free(world);
+    struct lines lines = lines_read(path);
+    assert_int_equal(lines.count, 5);
+    lines_free(&lines);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -349,6 +451,8 @@ int main(void)
         cmocka_unit_test_setup_teardown(what_is_not_judged_is_said, new_path, remove_path),
         cmocka_unit_test_setup_teardown(repeated_executions_add_up, new_path, remove_path),
         cmocka_unit_test_setup_teardown(instances_share_the_log, new_path, remove_path),
+        cmocka_unit_test_setup_teardown(sarif_is_whole_at_every_time, new_path, remove_path),
+        cmocka_unit_test_setup_teardown(the_cap_bounds_what_is_told, new_path, remove_path),
         cmocka_unit_test_teardown(the_process_id_in_the_path, remove_path),
     };
     return cmocka_run_group_tests_name("log", tests, NULL, NULL);
