@@ -102,6 +102,7 @@ static struct gn_ref_trace *slow_stage(struct gn_ref_certified *call, struct gn_
         slow->exact_ready = false;
     }
     call->slow_ray = flight->ray;
+    slow->effects = flight->effects;
     slow->integers_ready = false;
     gn_ref_ray_prepare(&slow->setup, flight->ray);
     call->slow_setup = slow->setup;
@@ -164,6 +165,15 @@ static bool before_best(struct gn_ref_certified *call, struct gn_ref_flight *fli
     return order < 0 || (order == 0 && candidate->id < best->id);
 }
 
+static bool facing_admitted(const struct gn_ref_scene *scene, const struct gn_ref_flight *flight,
+                            const struct gn_ref_candidate *candidate)
+{
+    if (!(flight->tests >> GN_REF_EFFECT_FACE_CULLING & 1))
+        return true;
+    bool front = gn_ref_trace_front(scene, flight->effects, candidate->id, candidate->sum_sign);
+    return gn_ref_trace_admits_facing(scene, flight->ray, flight->tests, candidate->id, front);
+}
+
 void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
                             const struct gn_ref_candidate *candidate)
 {
@@ -171,13 +181,10 @@ void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight 
         gn_ref_certified_consider(call, flight, candidate->leaf, candidate->lane);
         return;
     }
-    if (!flight->plain) {
-        bool opaque;
-        bool front = gn_ref_trace_front(call->scene, candidate->id, candidate->sum_sign);
-        if (!gn_ref_trace_admits(call->scene, flight->ray, candidate->id, &opaque) ||
-            !gn_ref_trace_admits_facing(call->scene, flight->ray, candidate->id, front))
-            return;
-    }
+    bool opaque;
+    if (flight->tests && (!gn_ref_trace_admits(call->scene, flight->ray, flight->tests, candidate->id, &opaque) ||
+                          !facing_admitted(call->scene, flight, candidate)))
+        return;
     if (before_best(call, flight, candidate))
         take(flight, candidate, call->scene);
 }
@@ -249,13 +256,9 @@ void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flig
         .lane = (uint16_t)lane,
     };
     bool opaque;
-    if (!flight->plain && !gn_ref_trace_admits(call->scene, flight->ray, candidate.id, &opaque))
+    if (flight->tests && !gn_ref_trace_admits(call->scene, flight->ray, flight->tests, candidate.id, &opaque))
         return;
-    if (triangle_decide(call, flight, &candidate) != DECISION_HIT)
-        return;
-    if (!flight->plain &&
-        !gn_ref_trace_admits_facing(call->scene, flight->ray, candidate.id,
-                                gn_ref_trace_front(call->scene, candidate.id, candidate.sum_sign)))
+    if (triangle_decide(call, flight, &candidate) != DECISION_HIT || !facing_admitted(call->scene, flight, &candidate))
         return;
     if (before_best(call, flight, &candidate))
         take(flight, &candidate, call->scene);
@@ -267,12 +270,8 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
     const struct gn_ref_scene *scene = call->scene;
     if (best->id == GN_REF_NONE)
         return 0;
-    /* What is the same for the whole scene is not looked up. */
-    bool opaque = scene->opacity == 1, front = best->sum_sign < 0;
-    if (scene->opacity < 0 || (flight->ray->flags & (GN_REF_RAY_OPAQUE | GN_REF_RAY_NO_OPAQUE)))
-        gn_ref_trace_admits(scene, flight->ray, best->id, &opaque);
-    if (scene->turned)
-        front = gn_ref_trace_front(scene, best->id, best->sum_sign);
+    bool opaque, front = gn_ref_trace_front(scene, flight->effects, best->id, best->sum_sign);
+    gn_ref_trace_admits(scene, flight->ray, flight->effects & 1u << GN_REF_EFFECT_ANY_HIT, best->id, &opaque);
     if (!gn_ref_candidate_accurate(best)) {
         struct gn_ref_found found = {.id = best->id, .t_error = INFINITY, .front = front, .opaque = opaque};
         gn_ref_trace_hit_write(slow_stage(call, flight), &found, out);
@@ -302,13 +301,23 @@ static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene 
     call->scene = scene;
     call->start = kernel->start;
     call->fits_cache = gn_ref_bvh_bytes(&scene->bvh) <= FITS_CACHE_BYTES;
-    call->filtered = 0;
+    call->forced = gn_ref_effects_forced();
+    call->counts = gn_ref_effects_counting();
+    call->filtered = call->rejected_f32 = call->sharpened = 0;
     call->slow_ray = NULL;
     gn_ref_environment_enter(&call->environment);
 }
 
 static void call_end(struct gn_ref_certified *call)
 {
+    if (call->counts) {
+        struct gn_ref_effect_counts *counts = call->counts;
+        counts->rejected_f32 += call->rejected_f32;
+        counts->decided_sharp += call->sharpened;
+        counts->decided_f64 += call->filtered - call->rejected_f32 - call->sharpened;
+        counts->decided_wide += call->slow_ray ? call->slow.wide : 0;
+        counts->decided_exact += call->slow_ray ? call->slow.exact_count : 0;
+    }
     if (call->slow_ray) {
         gn_ref_trace_count(0, call->slow.wide, call->slow.exact_count);
         if (call->slow.exact_ready)
@@ -335,6 +344,13 @@ static bool ray_begin(struct gn_ref_certified *call, struct gn_ref_flight *fligh
         *out_found = gn_ref_trace_closest_any(scene, ray, out_hit);
         return false;
     }
+    if (call->counts)
+        call->counts->rays++;
+    const uint32_t test = 1u << GN_REF_EFFECT_MASK | 1u << GN_REF_EFFECT_FACE_CULLING;
+    const uint32_t any_hit = 1u << GN_REF_EFFECT_ANY_HIT;
+    bool culls_opacity = ray->flags & (GN_REF_RAY_CULL_OPAQUE | GN_REF_RAY_CULL_NO_OPAQUE);
+    flight->effects = gn_ref_effects_called(scene, ray->flags, ray->cull_mask) | call->forced;
+    flight->tests = flight->effects & (test | ((culls_opacity ? any_hit : 0) | (call->forced & any_hit)));
     return true;
 }
 
@@ -383,7 +399,7 @@ void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, cons
     call.next = 0;
     call.hits = out_hits;
     call.found = out_found;
-    if (kernel->run && (gn_ref_bvh_bytes(&scene->bvh) > FLY_BYTES || atomic_load(&fly_always))) {
+    if (kernel->run && !call.counts && (gn_ref_bvh_bytes(&scene->bvh) > FLY_BYTES || atomic_load(&fly_always))) {
         kernel->run(&call, NULL);
     } else {
         struct gn_ref_flight flight;

@@ -99,7 +99,8 @@ struct gn_ref_flight {
     double eps; /* 8 u R */
     double bound[3]; /* c_1, c_2, c_3 of certified.h, for leaves that are not fine */
     double s_first, s_last; /* tmin and tmax times |d_k|, which is exact */
-    bool plain; /* no mask, culling or opacity flag can keep a triangle from being met */
+    uint32_t effects; /* called for by the ray, or forced on */
+    uint32_t tests; /* of these: what may keep a triangle from being met; set by certified.c like the former */
     uint32_t current; /* the child to be visited next */
     uint32_t depth;
     struct gn_ref_candidate best; /* id GN_REF_NONE: none yet */
@@ -143,7 +144,10 @@ struct gn_ref_certified {
     gn_ref_certified_start *start; /* NULL: no kernel is to be used */
     bool fits_cache; /* the tree is so small that nothing has to be asked for ahead */
     struct gn_ref_environment environment;
-    uint64_t filtered, wide, exact;
+    uint32_t forced; /* effects */
+    struct gn_ref_effect_counts *counts; /* NULL: not wanted */
+    uint64_t filtered; /* triangles decided here, by whichever of the three: */
+    uint64_t rejected_f32, sharpened;
     /* For what the filter cannot decide; of the ray that last needed it. */
     const struct gn_ref_ray *slow_ray;
     bool slow_exact_ready;

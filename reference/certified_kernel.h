@@ -296,8 +296,10 @@ static __attribute__((noinline)) void lanes_sharpen(struct gn_ref_certified *cal
     unsigned known = 0xFF;
     for (int i = 0; i < 3; i++)
         known &= sharp.positive[i] | sharp.negative[i] | sharp.zero[i];
+    unsigned asked = unsure;
     unsure &= ~(positive & negative) & ~(sharp.zero[0] & sharp.zero[1] & sharp.zero[2]);
     unsigned met = unsure & known, unknown = unsure & ~known;
+    call->sharpened += (unsigned)__builtin_popcount(asked & ~unknown);
     if (met)
         unknown |= lanes_offer(call, flight, met, sharp.zero, ids, leaf, sharp.edge, sharp.z, sharp.error, sharp.eps);
     for (; unknown; unknown &= unknown - 1)
@@ -438,6 +440,27 @@ static inline void run_one(struct gn_ref_certified *call, struct gn_ref_flight *
     while (flight_step(call, flight, bvh, narrow, prefetch))
         ;
     flight_refine(flight, bvh, narrow);
+}
+
+/* With counters of what is visited (effects.h). */
+static __attribute__((noinline)) void run_counted(struct gn_ref_certified *call, struct gn_ref_flight *flight)
+{
+    const struct gn_ref_bvh *bvh = &call->scene->bvh;
+    bool narrow = bvh->blocks_f32 != NULL;
+    uint64_t leaves = 0, nodes = 0, triangles = 0;
+    do {
+        bool is_leaf = flight->current & GN_REF_LEAF_BIT;
+        uint32_t leaf = flight->current & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT);
+        leaves += is_leaf;
+        nodes += !is_leaf;
+        if (is_leaf)
+            triangles += (unsigned)__builtin_popcount(ids_used(narrow ? bvh->blocks_f32[leaf].id
+                                                                      : bvh->blocks_f64[leaf].id));
+    } while (flight_step(call, flight, bvh, narrow, false));
+    flight_refine(flight, bvh, narrow);
+    call->counts->leaves += leaves;
+    call->counts->nodes += nodes;
+    call->counts->triangles += triangles;
 }
 
 /* Which flights are to visit a node next, and which a leaf. */
@@ -584,9 +607,6 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
     flight->s_last = ray->tmax * length;
     flight->s_first_f32 = gn_ref_f32_down(flight->s_first < FLT_MAX ? flight->s_first : FLT_MAX);
     flight->s_limit_f32 = gn_ref_f32_up(flight->s_last < reach ? flight->s_last : reach);
-    flight->plain = !scene->masked && (ray->cull_mask & 0xFF) != 0 &&
-                    (ray->flags & (GN_REF_RAY_CULL_BACK_FACING | GN_REF_RAY_CULL_FRONT_FACING |
-                                   GN_REF_RAY_CULL_OPAQUE | GN_REF_RAY_CULL_NO_OPAQUE)) == 0;
     flight->current = 0;
     flight->depth = 0;
     flight->best.id = GN_REF_NONE;
@@ -598,7 +618,9 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
 void GN_REF_KERNEL(struct gn_ref_certified *call, struct gn_ref_flight *single)
 {
     bool narrow = call->scene->bvh.blocks_f32 != NULL;
-    if (single && narrow && call->fits_cache)
+    if (single && call->counts)
+        run_counted(call, single);
+    else if (single && narrow && call->fits_cache)
         run_one(call, single, true, false);
     else if (single && narrow)
         run_one(call, single, true, true);

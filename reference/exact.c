@@ -118,7 +118,8 @@ static void world_triangle(struct gn_ref_exact *exact, const struct gn_ref_scene
                            const struct gn_ref_primitive *primitive)
 {
     const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
-    const struct gn_ref_geometry *geometry = &scene->blases[instance->blas].geometries[primitive->geometry];
+    const struct gn_ref_blas *blas = &scene->blases[instance->blas];
+    const struct gn_ref_geometry *geometry = &blas->geometries[primitive->geometry];
     mpz_t *out[10];
     double values[10];
     for (int i = 0; i < 3; i++)
@@ -129,9 +130,11 @@ static void world_triangle(struct gn_ref_exact *exact, const struct gn_ref_scene
     out[9] = &exact->weight;
     values[9] = geometry->divisor;
     set_integers(out, values, 10);
-    if (geometry->transform)
-        transform_points(exact, geometry->transform, 3);
-    transform_points(exact, instance->transform, 3);
+    if (gn_ref_effect_applies(GN_REF_EFFECT_GEOMETRY_TRANSFORMS, !blas->matrices[primitive->geometry].identity, 3))
+        transform_points(exact, geometry->transform ? geometry->transform : gn_ref_identity, 3);
+    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
+                              !scene->instance_data[primitive->instance].matrix.identity, 3))
+        transform_points(exact, instance->transform, 3);
 }
 
 /* cross = a x b */
@@ -246,7 +249,38 @@ struct gn_ref_signs gn_ref_triangle_exact(struct gn_ref_exact *exact, const stru
 }
 
 /*
- * In object space, with the integer matrix m (weight n) and the origin o (weight w), adj and det those of m's
+ * A transform M for boxes: the columns of its linear part in vertex[], its weight n in s[7], det M in s[8], and
+ * s[0..2], the origin o with weight w = s[3], become o n - c w.
+ */
+static void box_matrix(struct gn_ref_exact *exact, const float transform[12])
+{
+    mpz_t *s = exact->scratch, *m[13];
+    double values[13];
+    for (int i = 0; i < 3; i++) {
+        for (int j = 0; j < 3; j++) {
+            m[3 * i + j] = &exact->vertex[i][j];
+            values[3 * i + j] = transform[4 * i + j];
+        }
+        m[9 + i] = &s[4 + i];
+        values[9 + i] = transform[4 * i + 3];
+    }
+    m[12] = &s[7];
+    values[12] = 1;
+    set_integers(m, values, 13);
+    for (int i = 0; i < 3; i++) {
+        mpz_mul(s[0 + i], s[0 + i], s[7]);
+        mpz_submul(s[0 + i], s[4 + i], s[3]);
+    }
+    /* Row i of the adjugate is the cross product of the columns i+1 and i+2 of the matrix. */
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < i; j++)
+            mpz_swap(exact->vertex[i][j], exact->vertex[j][i]);
+    cross_product(exact->cross, exact->vertex[1], exact->vertex[2]);
+    dot_product(s[8], exact->cross, exact->vertex[0]);
+}
+
+/*
+ * In object space, with the integer matrix m (weight n; of the identity everything is 1 and nothing computed) and the origin o (weight w), adj and det those of m's
  * linear part p, translation c:
  *     o' = adj (o n - c w) / (det w),   d' = adj d n 2^e / det
  * and a box face at f = g * 2^h is met at t = (f - o') / d' = (g det w - 2^-h adj(o n - c w)) / (w adj d n) * 2^(h-e).
@@ -262,33 +296,12 @@ bool gn_ref_box_exact(struct gn_ref_exact *exact, const struct gn_ref_scene *sce
     set_origin(exact, ray); /* s[0..2], weight s[3] */
     long exponent = set_direction(exact, ray);
 
-    /* The matrix: linear part in vertex[][], translation in s[4..6], weight s[7]. */
-    mpz_t *m[13];
-    double values[13];
-    for (int i = 0; i < 3; i++) {
-        for (int j = 0; j < 3; j++) {
-            m[3 * i + j] = &exact->vertex[i][j];
-            values[3 * i + j] = instance->transform[4 * i + j];
-        }
-        m[9 + i] = &s[4 + i];
-        values[9 + i] = instance->transform[4 * i + 3];
-    }
-    m[12] = &s[7];
-    values[12] = 1;
-    set_integers(m, values, 13);
-
-    /* s[0..2] = o n - c w */
-    for (int i = 0; i < 3; i++) {
-        mpz_mul(s[0 + i], s[0 + i], s[7]);
-        mpz_submul(s[0 + i], s[4 + i], s[3]);
-    }
-
-    /* Row i of the adjugate is the cross product of the columns i+1 and i+2 of the matrix. */
-    for (int i = 0; i < 3; i++)
-        for (int j = 0; j < i; j++)
-            mpz_swap(exact->vertex[i][j], exact->vertex[j][i]);
-    cross_product(exact->cross, exact->vertex[1], exact->vertex[2]);
-    dot_product(s[8], exact->cross, exact->vertex[0]); /* det */
+    bool placed = gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
+                                        !scene->instance_data[primitive->instance].matrix.identity, 1);
+    if (placed)
+        box_matrix(exact, instance->transform);
+    else
+        mpz_set_ui(s[8], 1);
     mpz_mul(s[9], s[8], s[3]); /* det w */
 
     mpz_t *faces[6];
@@ -311,11 +324,16 @@ bool gn_ref_box_exact(struct gn_ref_exact *exact, const struct gn_ref_scene *sce
     for (int i = 0; i < 3; i++) {
         if (box[i] > box[3 + i])
             return false;
-        cross_product(exact->cross, exact->vertex[(i + 1) % 3], exact->vertex[(i + 2) % 3]);
-        dot_product(s[16], exact->cross, s); /* adj (o n - c w) */
+        if (placed) {
+            cross_product(exact->cross, exact->vertex[(i + 1) % 3], exact->vertex[(i + 2) % 3]);
+            dot_product(s[16], exact->cross, s); /* adj (o n - c w) */
+            dot_product(s[17], exact->cross, exact->direction);
+            mpz_mul(s[17], s[17], s[7]);
+        } else {
+            mpz_set(s[16], s[i]);
+            mpz_set(s[17], exact->direction[i]);
+        }
         mpz_mul_2exp(s[16], s[16], left);
-        dot_product(s[17], exact->cross, exact->direction);
-        mpz_mul(s[17], s[17], s[7]);
         mpz_mul(s[17], s[17], s[3]); /* w adj d n */
         for (int side = 0; side < 2; side++) {
             mpz_mul(s[18 + side], s[10 + i + 3 * side], s[9]);

@@ -272,6 +272,7 @@ int gn_ref_box_f64(struct gn_ref_interval *out_entry, struct gn_ref_interval *ou
                    const struct gn_ref_ray *ray)
 {
     struct gn_ref_interval from[3], direction[3];
+    bool placed = gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !data->matrix.identity, 1);
     for (int i = 0; i < 3; i++) {
         double translation = transform[4 * i + 3];
         from[i] = translation == 0 ? point(ray->origin[i]) : subtract(point(ray->origin[i]), point(translation));
@@ -280,14 +281,20 @@ int gn_ref_box_f64(struct gn_ref_interval *out_entry, struct gn_ref_interval *ou
     struct gn_ref_interval entry = {-INFINITY, -INFINITY}, leave = {INFINITY, INFINITY};
     bool unsure = false;
     for (int i = 0; i < 3; i++) {
-        struct gn_ref_interval p = dot(data->adjugate[i], from), q = dot(data->adjugate[i], direction);
-        struct gn_ref_interval near = subtract(multiply(point(box[i]), data->determinant), p);
-        struct gn_ref_interval far = subtract(multiply(point(box[3 + i]), data->determinant), p);
-        if (data->determinant.lower <= 0 && data->determinant.upper >= 0) {
+        struct gn_ref_interval p = from[i], q = direction[i], near = point(box[i]), far = point(box[3 + i]);
+        if (placed) {
+            p = dot(data->adjugate[i], from);
+            q = dot(data->adjugate[i], direction);
+            near = multiply(near, data->determinant);
+            far = multiply(far, data->determinant);
+        }
+        near = subtract(near, p);
+        far = subtract(far, p);
+        if (placed && data->determinant.lower <= 0 && data->determinant.upper >= 0) {
             unsure = true;
             continue;
         }
-        bool mirrored = data->determinant.lower < 0;
+        bool mirrored = placed && data->determinant.lower < 0;
         if (q.lower == 0 && q.upper == 0) {
             /* Parallel to this slab: inside it or not. */
             if (mirrored) {

@@ -17,7 +17,7 @@ set(GN_REFERENCE_INCLUDE ${CMAKE_INSTALL_INCLUDEDIR}/gnomon)
 foreach(target gnomon_reference gnomon_reference_shared)
   target_include_directories(${target} INTERFACE $<INSTALL_INTERFACE:${GN_REFERENCE_INCLUDE}>)
 endforeach()
-set(GN_REFERENCE_HEADERS scene.h trace.h tracer.h verdict.h)
+set(GN_REFERENCE_HEADERS effects.h scene.h trace.h tracer.h verdict.h)
 install(FILES ${GN_REFERENCE_HEADERS} DESTINATION ${GN_REFERENCE_INCLUDE}/reference COMPONENT reference)
 install(TARGETS gnomon_reference gnomon_reference_shared EXPORT gnomon-reference
         ARCHIVE DESTINATION ${CMAKE_INSTALL_LIBDIR} COMPONENT reference

@@ -195,8 +195,9 @@ bool gn_ref_scene_add_blas(struct gn_ref_scene *scene, const struct gn_ref_geome
         if (!geometry_copy(&blas.geometries[g], &geometries[g])) {
             blas_finish(&blas);
             return fail(scene, "out of memory for geometry %u of %u primitives", g, geometries[g].primitive_count);
-        } else if (blas.geometries[g].transform) {
-            gn_ref_matrix_prepare(&blas.matrices[g], blas.geometries[g].transform);
+        } else {
+            const float *transform = blas.geometries[g].transform;
+            gn_ref_matrix_prepare(&blas.matrices[g], transform ? transform : gn_ref_identity);
         }
     *out_blas = scene->blas_count;
     scene->blases[scene->blas_count++] = blas;
@@ -292,15 +293,21 @@ static void point_transform(struct number point[3], const float transform[12])
     memcpy(point, out, sizeof out);
 }
 
+/* What places the vertices of a geometry of an instance; NULL where nothing has to be done. */
+struct placing {
+    const float *geometry, *instance;
+};
+
 static struct gn_ref_vertex vertex_place(const struct gn_ref_geometry *geometry, uint32_t index,
-                                         const float transform[12])
+                                         const struct placing *placing)
 {
     struct number point[3];
     for (int axis = 0; axis < 3; axis++)
         point[axis] = number_divide(geometry->positions[index][axis], geometry->divisor);
-    if (geometry->transform)
-        point_transform(point, geometry->transform);
-    point_transform(point, transform);
+    if (placing->geometry)
+        point_transform(point, placing->geometry);
+    if (placing->instance)
+        point_transform(point, placing->instance);
     struct gn_ref_vertex vertex;
     vertex.error = fmax(point[0].error, fmax(point[1].error, point[2].error));
     for (int axis = 0; axis < 3; axis++)
@@ -338,6 +345,11 @@ static const struct gn_ref_bounds nothing = {{INFINITY, INFINITY, INFINITY}, {-I
 static struct gn_ref_bounds box_bounds(const float box[6], const float transform[12])
 {
     struct gn_ref_bounds bounds = nothing;
+    if (!transform) {
+        memcpy(bounds.lower, box, sizeof bounds.lower);
+        memcpy(bounds.upper, box + 3, sizeof bounds.upper);
+        return bounds;
+    }
     for (int corner = 0; corner < 8; corner++) {
         struct number point[3];
         for (int axis = 0; axis < 3; axis++)
@@ -414,8 +426,16 @@ static void flatten_triangles(struct gn_ref_scene *scene, struct flattening *fla
 {
     const struct gn_ref_geometry *geometry =
         &scene->blases[scene->instances[instance].blas].geometries[geometry_index];
+    const struct gn_ref_matrix *of_geometry =
+        &scene->blases[scene->instances[instance].blas].matrices[geometry_index];
+    struct placing placing = {0};
+    if (gn_ref_effect_applies(GN_REF_EFFECT_GEOMETRY_TRANSFORMS, !of_geometry->identity, geometry->position_count))
+        placing.geometry = geometry->transform ? geometry->transform : gn_ref_identity;
+    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !scene->instance_data[instance].matrix.identity,
+                              geometry->position_count))
+        placing.instance = scene->instances[instance].transform;
     for (uint32_t i = 0; i < geometry->position_count; i++)
-        vertices[i] = vertex_place(geometry, i, scene->instances[instance].transform);
+        vertices[i] = vertex_place(geometry, i, &placing);
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
         if (triangle_inactive(geometry, i))
             continue;
@@ -439,13 +459,17 @@ static void flatten_boxes(struct gn_ref_scene *scene, struct flattening *flat, u
 {
     const struct gn_ref_geometry *geometry =
         &scene->blases[scene->instances[instance].blas].geometries[geometry_index];
+    const float *transform = NULL;
+    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !scene->instance_data[instance].matrix.identity,
+                              geometry->primitive_count))
+        transform = scene->instances[instance].transform;
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
         const float *box = geometry->aabbs[i];
         /* Inverted boxes contain nothing. */
         if (isnan(box[0]) || box[0] > box[3] || box[1] > box[4] || box[2] > box[5])
             continue;
         flat->primitives[flat->count] = (struct gn_ref_primitive){instance, geometry_index, i};
-        flat->bounds[flat->count++] = box_bounds(box, scene->instances[instance].transform);
+        flat->bounds[flat->count++] = box_bounds(box, transform);
     }
 }
 
@@ -466,6 +490,8 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
     uint64_t totals[2] = {0};
     bool any = false; /* geometry of an instance */
     uint32_t most_positions = 0;
+    scene->common_mask = 0xFF;
+    scene->opacity = 1;
     scene->instance_data = calloc(scene->instance_count ? scene->instance_count : 1, sizeof *scene->instance_data);
     if (!scene->instance_data) {
         fail(scene, "out of memory for %u instances", scene->instance_count);
@@ -482,10 +508,13 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
         }
         instance_prepare(&scene->instance_data[i], instance->transform);
         const struct gn_ref_blas *blas = &scene->blases[instance->blas];
-        scene->masked |= instance->mask != 0xFF;
+        scene->common_mask &= instance->mask;
+        scene->culls |= !(instance->flags & GN_REF_INSTANCE_FACING_CULL_DISABLE);
+        scene->moved_instances += !scene->instance_data[i].matrix.identity;
         scene->turned |= scene->instance_data[i].determinant_sign < 0 || (instance->flags & GN_REF_INSTANCE_FLIP_FACING);
         for (uint32_t g = 0; g < blas->geometry_count; g++) {
             totals[blas->geometries[g].type] += blas->geometries[g].primitive_count;
+            scene->moved_geometries += !blas->matrices[g].identity;
             int opaque = (blas->geometries[g].flags & GN_REF_GEOMETRY_OPAQUE) != 0;
             if (instance->flags & (GN_REF_INSTANCE_FORCE_OPAQUE | GN_REF_INSTANCE_FORCE_NO_OPAQUE))
                 opaque = (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE) != 0;

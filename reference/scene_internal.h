@@ -6,7 +6,7 @@
 #include <fenv.h>
 #include <gmp.h>
 
-#include "reference/trace.h"
+#include "reference/effects.h"
 
 #define GN_REF_NODE_WIDTH 8
 #define GN_REF_BLOCK_WIDTH 4
@@ -92,6 +92,7 @@ struct gn_ref_interval {
 struct gn_ref_matrix {
     int64_t m[13];
     bool valid;
+    bool identity; /* changes nothing: need not be applied */
 };
 void gn_ref_matrix_prepare(struct gn_ref_matrix *out, const float transform[12]);
 
@@ -105,7 +106,7 @@ struct gn_ref_instance_data {
 
 struct gn_ref_blas {
     struct gn_ref_geometry *geometries;
-    struct gn_ref_matrix *matrices; /* of the geometries that have a transform */
+    struct gn_ref_matrix *matrices; /* of the geometries, of triangles */
     uint32_t geometry_count;
 };
 
@@ -122,11 +123,34 @@ struct gn_ref_scene {
     uint32_t primitive_count;
     struct gn_ref_bvh bvh; /* of the triangles */
     struct gn_ref_bvh box_bvh;
-    bool masked; /* some instance's mask is not 0xFF */
+    uint32_t common_mask; /* the bits that the masks of all active instances have */
+    bool culls; /* some instance lets faces be culled */
+    uint32_t moved_instances, moved_geometries; /* whose transforms are not the identity; geometries once per instance */
     bool turned; /* some instance is mirrored or flips its facing */
     int opacity; /* of every geometry of every instance, their flags considered: 1, 0, or -1 when they differ */
     char error[320];
 };
+
+/* What rays with these flags and this mask call for. */
+static inline uint32_t gn_ref_effects_called(const struct gn_ref_scene *scene, uint32_t flags, uint32_t cull_mask)
+{
+    bool opaque = (flags & GN_REF_RAY_OPAQUE) || (scene->opacity == 1 && !(flags & GN_REF_RAY_NO_OPAQUE));
+    bool culls = scene->culls && (flags & (GN_REF_RAY_CULL_BACK_FACING | GN_REF_RAY_CULL_FRONT_FACING));
+    bool boxes = scene->primitive_count > scene->triangle_count && !(flags & GN_REF_RAY_SKIP_AABBS);
+    return (uint32_t)((scene->common_mask & cull_mask & 0xFF) == 0) << GN_REF_EFFECT_MASK |
+           (uint32_t)(!opaque || (flags & GN_REF_RAY_CULL_OPAQUE)) << GN_REF_EFFECT_ANY_HIT |
+           (uint32_t)culls << GN_REF_EFFECT_FACE_CULLING | (uint32_t)scene->turned << GN_REF_EFFECT_MIRRORING |
+           (uint32_t)(scene->moved_instances > 0) << GN_REF_EFFECT_INSTANCE_TRANSFORMS |
+           (uint32_t)(scene->moved_geometries > 0) << GN_REF_EFFECT_GEOMETRY_TRANSFORMS |
+           (uint32_t)boxes << GN_REF_EFFECT_AABBS;
+}
+/* Of this thread's watch: what is forced on, where to count (NULL: nowhere), and counting one effect. */
+uint32_t gn_ref_effects_forced(void);
+struct gn_ref_effect_counts *gn_ref_effects_counting(void);
+void gn_ref_effect_ran(enum gn_ref_effect effect, uint64_t times);
+/* Whether an effect's code is to run where `called` says whether it makes a difference; counts it if so. */
+bool gn_ref_effect_applies(enum gn_ref_effect effect, bool called, uint64_t times);
+extern const float gn_ref_identity[12];
 
 /*
  * Builds a tree over `count` triangles, or, where triangles is NULL, over `count` boxes with the bounds given (which

@@ -59,6 +59,8 @@ bool gn_ref_trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *s
         return false;
     }
     trace->scene = scene;
+    trace->effects = gn_ref_effects_called(scene, ray->flags, ray->cull_mask) | gn_ref_effects_forced();
+    trace->counts = gn_ref_effects_counting();
     trace->closest = false;
     trace->found = trace->local;
     trace->count = 0;
@@ -79,6 +81,12 @@ void gn_ref_trace_end(struct gn_ref_trace *trace)
     if (trace->found != trace->local)
         free(trace->found);
     gn_ref_trace_count(trace->filtered, trace->wide, trace->exact_count);
+    if (trace->counts) {
+        trace->counts->rays++;
+        trace->counts->decided_f64 += trace->filtered;
+        trace->counts->decided_wide += trace->wide;
+        trace->counts->decided_exact += trace->exact_count;
+    }
     gn_ref_environment_leave(&trace->environment);
 }
 
@@ -250,11 +258,22 @@ static void accept(struct gn_ref_trace *trace, struct gn_ref_found *found)
     trace->found[trace->count++] = *found;
 }
 
-bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t id,
-                               bool *out_opaque)
+bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects, uint32_t id,
+                         bool *out_opaque)
 {
+    *out_opaque = true;
+    if (!(effects & (1u << GN_REF_EFFECT_MASK | 1u << GN_REF_EFFECT_ANY_HIT)))
+        return true;
     const struct gn_ref_primitive *primitive = &scene->primitives[id];
     const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
+    if (effects >> GN_REF_EFFECT_MASK & 1) {
+        gn_ref_effect_ran(GN_REF_EFFECT_MASK, 1);
+        if ((instance->mask & ray->cull_mask & 0xFF) == 0)
+            return false;
+    }
+    if (!(effects >> GN_REF_EFFECT_ANY_HIT & 1))
+        return true;
+    gn_ref_effect_ran(GN_REF_EFFECT_ANY_HIT, 1);
     bool opaque = scene->blases[instance->blas].geometries[primitive->geometry].flags & GN_REF_GEOMETRY_OPAQUE;
     if (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE)
         opaque = true;
@@ -265,14 +284,13 @@ bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_r
     else if (ray->flags & GN_REF_RAY_NO_OPAQUE)
         opaque = false;
     *out_opaque = opaque;
-    return (instance->mask & ray->cull_mask & 0xFF) != 0 &&
-           !(ray->flags & (opaque ? GN_REF_RAY_CULL_OPAQUE : GN_REF_RAY_CULL_NO_OPAQUE));
+    return !(ray->flags & (opaque ? GN_REF_RAY_CULL_OPAQUE : GN_REF_RAY_CULL_NO_OPAQUE));
 }
 
 static bool admitted(const struct gn_ref_trace *trace, uint32_t id, struct gn_ref_found *found)
 {
     *found = (struct gn_ref_found){.id = id};
-    return gn_ref_trace_admits(trace->scene, trace->setup.ray, id, &found->opaque);
+    return gn_ref_trace_admits(trace->scene, trace->setup.ray, trace->effects, id, &found->opaque);
 }
 
 /*
@@ -281,15 +299,22 @@ static bool admitted(const struct gn_ref_trace *trace, uint32_t id, struct gn_re
  * is object space itself, a = -(area counted counter-clockwise), and N' = (0, 0, 2 area). In the world
  * d . N = (M d') . (cof(M) N') = det(M) (d' . N'), and d . N = U + V + W.
  */
-bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t id, int sum_sign)
+bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint32_t id, int sum_sign)
 {
+    if (!(effects >> GN_REF_EFFECT_MIRRORING & 1))
+        return sum_sign < 0;
+    gn_ref_effect_ran(GN_REF_EFFECT_MIRRORING, 1);
     uint32_t instance = scene->primitives[id].instance;
     bool front = sum_sign * scene->instance_data[instance].determinant_sign < 0;
     return front != ((scene->instances[instance].flags & GN_REF_INSTANCE_FLIP_FACING) != 0);
 }
 
-bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t id, bool front)
+bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects,
+                                uint32_t id, bool front)
 {
+    if (!(effects >> GN_REF_EFFECT_FACE_CULLING & 1))
+        return true;
+    gn_ref_effect_ran(GN_REF_EFFECT_FACE_CULLING, 1);
     if (scene->instances[scene->primitives[id].instance].flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
         return true;
     return !(ray->flags & (front ? GN_REF_RAY_CULL_FRONT_FACING : GN_REF_RAY_CULL_BACK_FACING));
@@ -297,8 +322,8 @@ bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct g
 
 static bool facing_admitted(const struct gn_ref_trace *trace, int sum_sign, struct gn_ref_found *found)
 {
-    found->front = gn_ref_trace_front(trace->scene, found->id, sum_sign);
-    return gn_ref_trace_admits_facing(trace->scene, trace->setup.ray, found->id, found->front);
+    found->front = gn_ref_trace_front(trace->scene, trace->effects, found->id, sum_sign);
+    return gn_ref_trace_admits_facing(trace->scene, trace->setup.ray, trace->effects, found->id, found->front);
 }
 
 /* Everything about one triangle in exact arithmetic; false when the ray does not meet it. */
@@ -389,7 +414,9 @@ static void triangle_consider(struct gn_ref_trace *trace, const struct gn_ref_fi
 static void box_consider(struct gn_ref_trace *trace, uint32_t id)
 {
     struct gn_ref_found found;
-    if (!admitted(trace, id, &found))
+    if (trace->counts)
+        trace->counts->ran[GN_REF_EFFECT_AABBS]++;
+    if (!admitted(trace, id, &found) || (trace->setup.ray->flags & GN_REF_RAY_SKIP_AABBS))
         return;
     const struct gn_ref_ray *ray = trace->setup.ray;
     const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
@@ -458,6 +485,10 @@ static void leaf_visit(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh,
         if (block.id[0] == GN_REF_NONE)
             return;
         gn_ref_filter_block_f64(&filter, &block, &trace->setup);
+        if (trace->counts) {
+            trace->counts->leaves += first == 0;
+            trace->counts->triangles += (unsigned)__builtin_popcount(filter.used);
+        }
         trace->filtered += (unsigned)__builtin_popcount(filter.used & ~filter.open);
         for (unsigned open = filter.open; open; open &= open - 1) {
             int lane = __builtin_ctz(open);
@@ -489,6 +520,10 @@ static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
             continue;
         }
         const struct gn_ref_node *node = &bvh->nodes[top.child];
+        if (trace->counts && bvh->boxes)
+            trace->counts->ran[GN_REF_EFFECT_AABBS]++;
+        else if (trace->counts)
+            trace->counts->nodes++;
         double near[GN_REF_NODE_WIDTH];
         size_t base = depth;
         unsigned met = gn_ref_filter_node_f64(near, node, bvh->centre, &trace->setup, tmin, trace->limit);
@@ -590,7 +625,7 @@ int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn
         return -1;
     if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
         traverse(&trace, &scene->bvh);
-    if (!(ray->flags & GN_REF_RAY_SKIP_AABBS))
+    if (trace.effects >> GN_REF_EFFECT_AABBS & 1)
         traverse(&trace, &scene->box_bvh);
     if (trace.failed)
         goto out;

@@ -20,6 +20,8 @@ struct gn_ref_found {
 
 struct gn_ref_trace {
     const struct gn_ref_scene *scene;
+    uint32_t effects; /* called for by the ray, or forced on */
+    struct gn_ref_effect_counts *counts; /* NULL: not wanted */
     struct gn_ref_ray_setup setup;
     bool closest; /* only the nearest triangle is wanted */
     /* What is found; with `closest` at most one. */
@@ -44,13 +46,15 @@ bool gn_ref_trace_ray_valid(const struct gn_ref_ray *ray);
 int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                              struct gn_ref_hit *out_hit);
 
+/* What follows runs the code of those effects only whose bits are set in `effects`. */
 /* Mask and opacity: what needs no geometry. */
-bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t id,
-                               bool *out_opaque);
+bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects, uint32_t id,
+                         bool *out_opaque);
 /* From the sign of U + V + W in the world. */
-bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t id, int sum_sign);
+bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint32_t id, int sum_sign);
 /* Whether face culling lets it pass. */
-bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t id, bool front);
+bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects,
+                                uint32_t id, bool front);
 /* The triangle in integers of fixed width, where they suffice. */
 bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_lane *out);
 /* Everything about one triangle in exact arithmetic; false when the ray does not meet it. */

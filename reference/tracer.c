@@ -280,7 +280,8 @@ static enum gn_ref_outcome certified_nearest(const struct gn_ref_scene *scene, c
                                              struct gn_ref_hit *out_hit)
 {
     int64_t found;
-    if (scene->triangle_count == scene->primitive_count || (ray->flags & GN_REF_RAY_SKIP_AABBS))
+    uint32_t effects = gn_ref_effects_called(scene, ray->flags, ray->cull_mask) | gn_ref_effects_forced();
+    if (!(effects >> GN_REF_EFFECT_AABBS & 1))
         found = gn_ref_trace_closest_triangle_exact(scene, ray, out_hit);
     else
         found = gn_ref_trace_all_exact(scene, ray, out_hit, 1);
@@ -331,6 +332,8 @@ static bool certified_part(const struct gn_ref_scene *scene, const struct gn_ref
                            struct gn_ref_hit hits[PART], enum gn_ref_outcome outcomes[PART])
 {
     int8_t found[PART];
+    if (gn_ref_effects_forced() >> GN_REF_EFFECT_AABBS & 1)
+        return false;
     for (size_t i = 0; scene->triangle_count != scene->primitive_count && i < count; i++)
         if (!(rays[i].flags & GN_REF_RAY_SKIP_AABBS))
             return false;

@@ -50,6 +50,8 @@ bool gn_ref_integers_f64(int64_t *out, const double *values, int count)
     return true;
 }
 
+const float gn_ref_identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
+
 void gn_ref_matrix_prepare(struct gn_ref_matrix *out, const float transform[12])
 {
     double values[13];
@@ -57,6 +59,9 @@ void gn_ref_matrix_prepare(struct gn_ref_matrix *out, const float transform[12])
         values[i] = transform[i];
     values[12] = 1;
     out->valid = gn_ref_integers_f64(out->m, values, 13);
+    out->identity = true;
+    for (int i = 0; i < 12; i++)
+        out->identity &= transform[i] == gn_ref_identity[i];
 }
 
 void gn_ref_ray_integers_prepare(struct gn_ref_ray_integers *out, const struct gn_ref_ray *ray)
@@ -179,9 +184,13 @@ bool gn_ref_triangle_wide(struct gn_ref_lane *out, const struct gn_ref_scene *sc
     for (int v = 0; v < 3; v++)
         for (int i = 0; i < 3; i++)
             a[v][i] = integers[3 * v + i];
-    if (geometry->transform && !transform_points(a, &weight, &blas->matrices[primitive->geometry]))
+    const struct gn_ref_matrix *matrix = &blas->matrices[primitive->geometry];
+    if (gn_ref_effect_applies(GN_REF_EFFECT_GEOMETRY_TRANSFORMS, !matrix->identity, 3) &&
+        !transform_points(a, &weight, matrix))
         return false;
-    if (!transform_points(a, &weight, &scene->instance_data[primitive->instance].matrix))
+    matrix = &scene->instance_data[primitive->instance].matrix;
+    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !matrix->identity, 3) &&
+        !transform_points(a, &weight, matrix))
         return false;
 
     /* vertex - origin, as in exact.c */
