@@ -13,6 +13,7 @@
 #include "cts/device.h"
 #include "cts/random.h"
 #include "cts/scene.h"
+#include "reference/tracer.h"
 
 enum gn_case_status {
     GN_CASE_PASS,
@@ -56,6 +57,13 @@ struct gn_case_offender {
     struct gn_ref_verdict verdict;
 };
 
+/* What became of a sweep's rays at one value when a tier of the reference traced them. */
+struct gn_case_tier {
+    uint64_t rays; /* fewer of the exact tier; 0: it was not asked */
+    uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
+    double held_error_max, margin_max; /* as those of the driver */
+};
+
 /* One value of a sweep's parameter, and what became of its rays. */
 struct gn_case_point {
     double value;
@@ -66,6 +74,7 @@ struct gn_case_point {
     /* The largest hit error in parts of what it is held against, times the bound: above the bound is wrong. */
     double held_error_max;
     double margin_max; /* of every decision that differs from the ideal one, also where that is wrong */
+    struct gn_case_tier tiers[GN_REF_TIER_COUNT]; /* on the same rays; they inform only */
 };
 
 /* A sweep: a parameter grown until the answers leave the bound. Strings are never NULL once `count` is above 0. */
@@ -76,10 +85,11 @@ struct gn_case_curve {
     struct gn_case_point *points; /* from the easiest value to the hardest: either all grow or all shrink */
     uint32_t count;
 };
-/* Whether an answer at this value left the bound: a leak, a double hit or a wrong one. */
-bool gn_case_point_left(const struct gn_case_point *point);
-/* The first such point, or NULL. */
+/* Whether one of these answers left the bound: a leak, a double hit or a wrong one. */
+bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT]);
+/* The first point with one: the driver's answers, or a tier's. NULL: there is none. */
 const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve);
+const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *curve, enum gn_ref_tier tier);
 
 /* What a case has come to; filled by the functions below, read by the runner and the reports. */
 struct gn_case_result {
@@ -115,6 +125,7 @@ struct gn_case_run {
     uint32_t trace_count;
     struct gn_case_samples *samples; /* of hit errors; owned by judge.c */
     struct gn_case_point *point; /* what is traced belongs to it; NULL outside of sweeps */
+    bool with_tiers; /* the rays of points are traced by the tiers, too */
     struct gn_case_samples *point_samples; /* likewise owned by judge.c */
 };
 

@@ -10,6 +10,7 @@
 #include <xxhash.h>
 
 #include "cts/case.h"
+#include "cts/sweep_tiers.h"
 
 /* Hit errors of a case, for the distribution. */
 struct gn_case_samples {
@@ -401,6 +402,10 @@ static void judge_rays(struct gn_case_run *run, const struct gn_cts_scene *scene
         image_begin(run, ray_count, width);
     for (uint32_t i = 0; i < end - first; i++)
         judge_ray(run, judge, reference, program, rays + first, i, answers, run->only_ray < 0);
+    char error[320];
+    if (run->point && run->with_tiers && run->only_ray < 0 &&
+        !gn_sweep_tiers_trace(run->point, reference, judge, program, rays, ray_count, error, sizeof error))
+        case_error(run, "%s", error);
     if (run->only_ray >= 0 && result->has_offender) {
         result->offender.ray_index = first;
         result->nearest_count = gn_ref_trace_all_exact(reference, &rays[first].ray, result->nearest,
@@ -462,16 +467,23 @@ static void samples_distribution(struct gn_case_samples *samples, double *out_me
     *out_max = (double)samples->values[last];
 }
 
-bool gn_case_point_left(const struct gn_case_point *point)
+bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT])
 {
-    return point->class_counts[GN_REF_LEAK] || point->class_counts[GN_REF_DOUBLE_HIT] ||
-           point->class_counts[GN_REF_WRONG];
+    return class_counts[GN_REF_LEAK] || class_counts[GN_REF_DOUBLE_HIT] || class_counts[GN_REF_WRONG];
 }
 
 const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve)
 {
     for (uint32_t i = 0; i < curve->count; i++)
-        if (gn_case_point_left(&curve->points[i]))
+        if (gn_case_classes_left(curve->points[i].class_counts))
+            return &curve->points[i];
+    return NULL;
+}
+
+const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *curve, enum gn_ref_tier tier)
+{
+    for (uint32_t i = 0; i < curve->count; i++)
+        if (gn_case_classes_left(curve->points[i].tiers[tier].class_counts))
             return &curve->points[i];
     return NULL;
 }

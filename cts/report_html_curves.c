@@ -11,7 +11,8 @@
 #include "cts/describe.h"
 #include "cts/report_html_parts.h"
 
-enum { WIDTH = 540, LEFT = 44, RIGHT = 526, TOP = 10, BOTTOM = 150, BAR_TOP = 176, BAR_BOTTOM = 200, HEIGHT = 204 };
+enum { WIDTH = 540, LEFT = 56, RIGHT = 526, TOP = 10, BOTTOM = 160, BAR_TOP = 184, BAR_BOTTOM = 204 };
+enum { ROW_TOP = BAR_BOTTOM + 3, ROW = 11, HEIGHT = ROW_TOP + GN_REF_TIER_COUNT * ROW };
 
 /* The vertical scale, in units of 2^-24. */
 static const double least = 0.01, most = 1000;
@@ -60,7 +61,7 @@ static void put_axes(FILE *file, const struct gn_case_curve *curve)
     if (judged) {
         double end = judged == curve->count ? RIGHT : (at_x(curve, judged - 1) + at_x(curve, judged)) / 2;
         fprintf(file, "<rect x=%d y=%d width=%.1f height=%d fill=\"#009E73\" fill-opacity=.13 />", LEFT, TOP, end - LEFT,
-                BAR_BOTTOM - TOP);
+                HEIGHT - TOP);
     }
     for (double units = least; units <= most * 1.001; units *= 10)
         fprintf(file,
@@ -83,42 +84,88 @@ static void put_axes(FILE *file, const struct gn_case_curve *curve)
     }
 }
 
-enum quantity { HELD, MEDIAN, MARGIN };
+/* Who answers: the driver, or a tier (their number). */
+enum { DRIVER = -1 };
 
-static double quantity_of(const struct gn_case_point *point, enum quantity quantity)
+static const char *const tier_colours[GN_REF_TIER_COUNT] = {"#d07a00", "#0072b2", "#8a5bb5", "#00895e", "#5b6670"};
+
+static bool tier_asked(const struct gn_case_curve *curve, int tier)
 {
-    return quantity == HELD ? point->held_error_max : quantity == MEDIAN ? point->hit_error_median : point->margin_max;
+    return curve->points[0].tiers[tier].rays > 0;
 }
 
-static void put_line(FILE *file, const struct gn_case_curve *curve, enum quantity quantity, const char *colour,
-                     const char *dash)
+/* How near the answers come to the bound: the largest of hit errors and margins. */
+static double worst_of(const struct gn_case_point *point, int who)
+{
+    return who == DRIVER ? fmax(point->held_error_max, point->margin_max)
+                         : fmax(point->tiers[who].held_error_max, point->tiers[who].margin_max);
+}
+
+static double median_of(const struct gn_case_point *point, int who)
+{
+    (void)who;
+    return point->hit_error_median;
+}
+
+static void put_line(FILE *file, const struct gn_case_curve *curve, double (*quantity)(const struct gn_case_point *, int),
+                     int who, const char *colour, double width)
 {
     bool any = false;
     for (uint32_t i = 0; i < curve->count; i++)
-        any = any || quantity_of(&curve->points[i], quantity) > least;
+        any = any || quantity(&curve->points[i], who) > least;
     if (!any)
         return;
-    fprintf(file, "<polyline fill=none stroke=\"%s\" stroke-width=1.6 stroke-dasharray=\"%s\" points=\"", colour, dash);
+    fprintf(file, "<polyline fill=none stroke=\"%s\" stroke-width=%.1f points=\"", colour, width);
     for (uint32_t i = 0; i < curve->count; i++)
-        fprintf(file, "%.1f,%.1f ", at_x(curve, i), at_y(quantity_of(&curve->points[i], quantity)));
+        fprintf(file, "%.1f,%.1f ", at_x(curve, i), at_y(quantity(&curve->points[i], who)));
     fputs("\"/>", file);
     for (uint32_t i = 0; i < curve->count; i++) {
         char text[32];
-        double units = quantity_of(&curve->points[i], quantity);
+        double units = quantity(&curve->points[i], who);
         if (!(units > least))
             continue;
-        fprintf(file, "<circle cx=%.1f cy=%.1f r=2.4 fill=\"%s\"><title>", at_x(curve, i), at_y(units), colour);
+        fprintf(file, "<circle cx=%.1f cy=%.1f r=%.1f fill=\"%s\"><title>%s, ", at_x(curve, i), at_y(units), width + .6,
+                colour, who == DRIVER ? "driver" : gn_ref_tier_name((enum gn_ref_tier)who));
         gn_html_text(file, value_text(curve->points[i].value, text, sizeof text));
         fprintf(file, ": %.3g</title></circle>", units);
     }
 }
 
-/* One stacked bar for each value. What is there at all is at least a sliver. */
-static void put_bars(FILE *file, const struct gn_case_curve *curve)
+/* A row of cells per tier, below the driver's bars: the worst of its answers at each value. */
+static void put_tier_rows(FILE *file, const struct gn_case_curve *curve, double width)
 {
-    double width = 22;
-    for (uint32_t i = 1; i < curve->count; i++)
-        width = fmin(width, fmax(3, 0.85 * (at_x(curve, i) - at_x(curve, i - 1))));
+    int row = 0;
+    for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
+        if (!tier_asked(curve, t))
+            continue;
+        const char *name = gn_ref_tier_name((enum gn_ref_tier)t);
+        double y = ROW_TOP + ROW * row++;
+        fprintf(file, "<text x=%d y=%.1f text-anchor=end font-size=10 fill=\"%s\">%s</text>", LEFT - 4, y + ROW - 3,
+                tier_colours[t], name);
+        for (uint32_t i = 0; i < curve->count; i++) {
+            const struct gn_case_tier *tier = &curve->points[i].tiers[t];
+            char text[32];
+            int worst = GN_REF_VERDICT_CLASS_COUNT - 1;
+            while (worst > 0 && !tier->class_counts[worst])
+                worst--;
+            if (!tier->rays)
+                continue;
+            fprintf(file, "<rect x=%.1f y=%.1f width=%.1f height=%d fill=\"#%06X\"><title>%s, ", at_x(curve, i) - width / 2,
+                    y, width, ROW - 2, gn_picture_colour((uint8_t)worst), name);
+            gn_html_text(file, value_text(curve->points[i].value, text, sizeof text));
+            for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
+                if (tier->class_counts[c])
+                    fprintf(file, "; %llu of %llu rays %s", (unsigned long long)tier->class_counts[c],
+                            (unsigned long long)tier->rays, gn_ref_verdict_class_name((enum gn_ref_verdict_class)c));
+            fputs("</title></rect>", file);
+        }
+    }
+}
+
+/* One stacked bar for each value. What is there at all is at least a sliver. */
+static void put_bars(FILE *file, const struct gn_case_curve *curve, double width)
+{
+    fprintf(file, "<text x=%d y=%d text-anchor=end font-size=10>driver</text>", LEFT - 4, BAR_BOTTOM - 6);
     for (uint32_t i = 0; i < curve->count; i++) {
         const struct gn_case_point *point = &curve->points[i];
         double y = BAR_BOTTOM, height = BAR_BOTTOM - BAR_TOP, slivers = 0, large = 0, sizes[GN_REF_VERDICT_CLASS_COUNT];
@@ -156,6 +203,31 @@ static void put_value(FILE *file, const struct gn_case_curve *curve, double valu
     }
 }
 
+/* "fast from 10, robust from 1e+04; double, certified, exact nowhere." */
+static void put_tiers_in_words(FILE *file, const struct gn_case_curve *curve)
+{
+    const char *before = "Reference tiers leave it: ";
+    for (int pass = 0; pass < 2; pass++) {
+        bool any = false;
+        for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
+            const struct gn_case_point *left = gn_case_curve_tier_left(curve, (enum gn_ref_tier)t);
+            if (!tier_asked(curve, t) || (left != NULL) != (pass == 0))
+                continue;
+            fprintf(file, "%s%s", before, gn_ref_tier_name((enum gn_ref_tier)t));
+            if (left) {
+                fputs(" from ", file);
+                put_value(file, curve, left->value);
+            }
+            any = true;
+            before = ", ";
+        }
+        if (any)
+            fputs(pass ? " nowhere. " : ". ", file);
+        if (any)
+            before = "";
+    }
+}
+
 /* In words, for those who do not read curves. */
 static void put_caption(FILE *file, const struct gn_case_curve *curve)
 {
@@ -183,6 +255,7 @@ static void put_caption(FILE *file, const struct gn_case_curve *curve)
         fputs(".", file);
     }
     fputs("<br><span class=soft>", file);
+    put_tiers_in_words(file, curve);
     if (!judged) {
         fputs("Nothing is judged: ", file);
     } else {
@@ -212,13 +285,19 @@ void gn_html_curve(FILE *file, const struct gn_case_curve *curve)
         double x = at_x(curve, (uint32_t)(left - curve->points));
         fprintf(file, "<line x1=%.1f x2=%.1f y1=%d y2=%d stroke=\"#D00000\" stroke-width=1.5 stroke-dasharray=\"2 3\"/>", x,
                 x, TOP, BAR_BOTTOM);
-        fprintf(file, "<text x=%.1f y=%d fill=\"#D00000\" text-anchor=%s>leaves</text>", x + (x > WIDTH / 2 ? -4 : 4), TOP + 9,
+        fprintf(file, "<text x=%.1f y=%d fill=\"#D00000\" text-anchor=%s>the driver leaves it</text>", x + (x > WIDTH / 2 ? -4 : 4), TOP + 9,
                 x > WIDTH / 2 ? "end" : "start");
     }
-    put_line(file, curve, MEDIAN, "#56B4E9", "none");
-    put_line(file, curve, MARGIN, "#CC79A7", "5 3");
-    put_line(file, curve, HELD, "#0072B2", "none");
-    put_bars(file, curve);
+    double width = 22;
+    for (uint32_t i = 1; i < curve->count; i++)
+        width = fmin(width, fmax(3, 0.85 * (at_x(curve, i) - at_x(curve, i - 1))));
+    for (int t = GN_REF_TIER_COUNT - 1; t >= 0; t--)
+        if (tier_asked(curve, t))
+            put_line(file, curve, worst_of, t, tier_colours[t], 1.2);
+    put_line(file, curve, median_of, DRIVER, "#a0a0a0", 1.2);
+    put_line(file, curve, worst_of, DRIVER, "currentColor", 2.4);
+    put_bars(file, curve, width);
+    put_tier_rows(file, curve, width);
     fputs("</svg>", file);
     put_caption(file, curve);
     fputs("</figure>\n", file);
@@ -232,20 +311,24 @@ void gn_html_curves(FILE *file, const struct gn_results *results)
     if (!total)
         return;
     fprintf(file,
-            "<h2>Stability (%zu)</h2>\n<p>Sweeps: a parameter grows from left to right, on a logarithmic scale. The status "
-            "of the case comes from the shaded range, which was stated beforehand; the values beyond inform only. The "
-            "upper part is in units of 2<sup>-24</sup>, cut off at %g and %g: below the orange line (%g) an answer is "
-            "within the bound. The bars are the verdicts on the rays of each value.</p>\n<p class=small>",
+            "<h2>Stability (%zu)</h2>\n<p>Sweeps: a parameter grows from left to right, on a logarithmic scale, until "
+            "answers leave the bound. The thick line is the driver: the largest hit error or margin of its answers, in units "
+            "of 2<sup>-24</sup>, cut off at %g and %g; below the orange line (%g) an answer is within the bound. The thin "
+            "lines are the tiers of the reference on the first fifth of the same rays (the exact one on fewer), by the same "
+            "verdict. Below are the verdicts: the driver's as bars, of each tier the worst. The status of the case is the "
+            "driver's over the shaded range, which was stated beforehand; all else informs only.</p>\n<p class=small>",
             total, least, most, gn_ref_verdict_bound());
     static const struct {
         const char *colour, *words;
-    } keys[] = {{"#0072B2", "largest hit error, as it is held against the bound"},
-                {"#56B4E9", "median hit error"},
-                {"#CC79A7", "largest margin of a decision that is not the ideal one"},
+    } keys[] = {{"currentColor", "driver, largest"},
+                {"#a0a0a0", "driver, median"},
                 {"#D55E00", "the bound"},
-                {"#D00000", "first value at which an answer leaves it"}};
+                {"#D00000", "first value at which the driver leaves it"}};
     for (size_t k = 0; k < sizeof keys / sizeof keys[0]; k++)
         fprintf(file, "<span class=key><i style=\"background:%s\"></i>%s</span> ", keys[k].colour, keys[k].words);
+    for (int t = 0; t < GN_REF_TIER_COUNT; t++)
+        fprintf(file, "<span class=key><i style=\"background:%s\"></i>%s</span> ", tier_colours[t],
+                gn_ref_tier_name((enum gn_ref_tier)t));
     fputs("<br>", file);
     for (int c = 0; c < GN_REF_VERDICT_CLASS_COUNT; c++)
         fprintf(file, "<span class=key><i style=\"background:#%06X\"></i>%s</span> ", gn_picture_colour((uint8_t)c),

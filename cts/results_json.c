@@ -194,17 +194,41 @@ static void put_hit_error(yyjson_mut_doc *doc, yyjson_mut_val *object, double me
     put_real(doc, error, "max", max);
 }
 
+/* The tiers that were asked, by name. */
+static void tiers_encode(yyjson_mut_doc *doc, yyjson_mut_val *point, const struct gn_case_tier *tiers)
+{
+    yyjson_mut_val *all = yyjson_mut_obj_add_obj(doc, point, "tiers");
+    for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
+        if (!tiers[t].rays)
+            continue;
+        yyjson_mut_val *tier = yyjson_mut_obj_add_obj(doc, all, gn_ref_tier_name((enum gn_ref_tier)t));
+        put_uint(doc, tier, "rays", tiers[t].rays);
+        put_classes(doc, tier, tiers[t].class_counts);
+        put_real(doc, tier, "held_error_max", tiers[t].held_error_max);
+        put_real(doc, tier, "margin_max", tiers[t].margin_max);
+    }
+}
+
+static void put_left(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, const struct gn_case_point *left)
+{
+    if (left)
+        put_real(doc, object, key, left->value);
+    else
+        yyjson_mut_obj_add_null(doc, object, key);
+}
+
 static void curve_encode(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct gn_case_curve *curve)
 {
     yyjson_mut_val *sweep = yyjson_mut_obj_add_obj(doc, root, "sweep");
     put_text(doc, sweep, "parameter", curve->parameter);
     put_text(doc, sweep, "unit", curve->unit);
     put_text(doc, sweep, "why", curve->why);
-    const struct gn_case_point *left = gn_case_curve_left(curve);
-    if (left)
-        put_real(doc, sweep, "left_at", left->value);
-    else
-        yyjson_mut_obj_add_null(doc, sweep, "left_at");
+    put_left(doc, sweep, "left_at", gn_case_curve_left(curve));
+    yyjson_mut_val *tiers_left = yyjson_mut_obj_add_obj(doc, sweep, "tiers_left_at");
+    for (int t = 0; t < GN_REF_TIER_COUNT; t++)
+        if (curve->points[0].tiers[t].rays)
+            put_left(doc, tiers_left, gn_ref_tier_name((enum gn_ref_tier)t),
+                     gn_case_curve_tier_left(curve, (enum gn_ref_tier)t));
     yyjson_mut_val *array = yyjson_mut_obj_add_arr(doc, root, "curve");
     for (uint32_t i = 0; i < curve->count; i++) {
         const struct gn_case_point *p = &curve->points[i];
@@ -217,6 +241,7 @@ static void curve_encode(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct
         put_hit_error(doc, point, p->hit_error_median, p->hit_error_p999, p->hit_error_max);
         put_real(doc, point, "held_error_max", p->held_error_max);
         put_real(doc, point, "margin_max", p->margin_max);
+        tiers_encode(doc, point, p->tiers);
     }
 }
 
@@ -400,6 +425,14 @@ static void curve_decode(yyjson_val *root, struct gn_arena *arena, struct gn_cas
         get_hit_error(point, &p->hit_error_median, &p->hit_error_p999, &p->hit_error_max);
         p->held_error_max = get_real(point, "held_error_max");
         p->margin_max = get_real(point, "margin_max");
+        yyjson_val *tiers = yyjson_obj_get(point, "tiers");
+        for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
+            yyjson_val *tier = yyjson_obj_get(tiers, gn_ref_tier_name((enum gn_ref_tier)t));
+            p->tiers[t].rays = get_uint(tier, "rays");
+            get_classes(tier, p->tiers[t].class_counts);
+            p->tiers[t].held_error_max = get_real(tier, "held_error_max");
+            p->tiers[t].margin_max = get_real(tier, "margin_max");
+        }
     }
 }
 

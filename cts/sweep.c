@@ -48,5 +48,6 @@ static void trace_on_driver(struct gn_case_run *run, const struct gn_sweep_scene
 
 void gn_sweep_run(struct gn_case_run *run, const struct gn_case *self)
 {
+    run->with_tiers = true;
     gn_sweep_trace(run, self->params, trace_on_driver, NULL);
 }

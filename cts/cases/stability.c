@@ -77,6 +77,9 @@ struct gn_mesh gn_stability_triangles(struct gn_arena *arena, uint32_t count)
 #define THIN "a thin triangle is hit like any other (ray traversal: ray-triangle intersection)"
 #define GRAZES "a ray at a small angle to a triangle's plane still hits it (ray traversal: ray-triangle intersection)"
 #define EDGE_ON "degenerate and edge-on triangles are not hit (ray traversal: ray-triangle intersection)"
+#define PASSES                                                                                               \
+    "a ray that passes beside an edge misses, one that passes inside of it hits, where the surface turns away too "  \
+    "(ray traversal: ray-triangle intersection)"
 #define PLACED "the ray is moved to the space of the instance by its transform (ray traversal; instances)"
 #define FACING "facing is that of object space, which a mirrored instance does not turn over (ray intersection culling)"
 #define TWICE "vertices are moved by the geometry's transform, then by the instance's (geometry; instances)"
@@ -119,6 +122,7 @@ static const struct gn_case cases[] = {
     SWEEP("grazing.level", GRAZES, grazing_level),
     SWEEP("grazing.tilted", GRAZES, grazing_tilted),
     SWEEP("in_plane", EDGE_ON, in_plane),
+    SWEEP("silhouette", PASSES, silhouette),
     SWEEP("instance.rotation", PLACED, rotation),
     SWEEP("instance.shear", PLACED, shear),
     SWEEP("instance.stretch", PLACED, stretch),

@@ -62,7 +62,8 @@ extern const struct gn_sweep gn_stability_coincident, gn_stability_coplanar, gn_
 /* stability_shapes.c */
 extern const struct gn_sweep gn_stability_sliver, gn_stability_sliver_level, gn_stability_needle,
     gn_stability_needle_level;
-extern const struct gn_sweep gn_stability_grazing_level, gn_stability_grazing_tilted, gn_stability_in_plane;
+extern const struct gn_sweep gn_stability_grazing_level, gn_stability_grazing_tilted, gn_stability_in_plane,
+    gn_stability_silhouette;
 
 /* stability_transforms.c */
 extern const struct gn_sweep gn_stability_instance_far, gn_stability_rotation, gn_stability_shear,

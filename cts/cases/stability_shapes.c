@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Sweeps over the shape of triangles and the angle at which they are seen: slivers, needles, grazing, edge-on. */
 #include <math.h>
+#include <string.h>
 
 #include "cts/cases/stability.h"
 
@@ -133,3 +134,40 @@ const struct gn_sweep gn_stability_in_plane = {
     GN_SWEEP_VALUES(2, 4, 8, 16, 32, 64, 256, 1024, 4096, 0x1p14, 0x1p16, 0x1p18), 16,
     "products of two coordinates, sheared by a direction of three bits, have to be exact in 24 bits", 1000, in_plane,
     NULL};
+
+/*
+ * A roof seen from the side: its ridge is a silhouette, whose two sides face opposite ways as the ray sees them. Every
+ * second ray passes above the ridge, the others below it. The roof is turned, so that nothing is exact.
+ */
+static void silhouette(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
+{
+    static const double corners[6][3] = {{0, -1, 0}, {0, 1, 0}, {-1, -1, -1}, {-1, 1, -1}, {1, -1, -1}, {1, 1, -1}};
+    static const uint32_t sides[4][3] = {{0, 1, 3}, {0, 3, 2}, {1, 0, 4}, {1, 4, 5}};
+    struct gn_random *random = request->random;
+    struct gn_mesh mesh = {gn_arena_alloc(request->arena, 6, sizeof *mesh.positions), 6,
+                           gn_arena_alloc(request->arena, 4, sizeof *mesh.triangles), 4};
+    float turn[12];
+    gn_transform_random(random, 1, 1, 0.5, false, turn);
+    for (int i = 0; i < 6; i++) {
+        gn_transform_point(turn, corners[i], mesh.positions[i]);
+        for (int k = 0; k < 3; k++)
+            mesh.positions[i][k] = (float)mesh.positions[i][k];
+    }
+    memcpy(mesh.triangles, sides, sizeof sides);
+    gn_stability_scene(request, &mesh, NULL, NULL, out);
+    for (uint32_t i = 0; i < out->ray_count; i++) {
+        const double back = gn_random_below(random, 2) ? 4 : -4, slope = gn_random_range(random, -0.5, 0.5);
+        const double beside[3] = {0, gn_random_range(random, -0.5, 0.5), i % 2 ? request->value : -request->value};
+        const double from[3] = {back, beside[1] + gn_random_range(random, -0.4, 0.4), beside[2] + slope};
+        double target[3], origin[3], direction[3];
+        gn_transform_point(turn, beside, target);
+        gn_transform_point(turn, from, origin);
+        for (int k = 0; k < 3; k++)
+            direction[k] = target[k] - (double)(float)origin[k];
+        out->rays[i] = gn_ray_make(origin, direction, 40);
+    }
+}
+const struct gn_sweep gn_stability_silhouette = {
+    "distance of the ray from the silhouette it passes", "",
+    GN_SWEEP_VALUES(0.25, 0x1p-4, 0x1p-8, 0x1p-12, 0x1p-16, 0x1p-18, 0x1p-20, 0x1p-22, 0x1p-24, 0x1p-28), 0x1p-28,
+    "whether the ray passes is decided by its margin, however near the edge", 1000, silhouette, NULL};
