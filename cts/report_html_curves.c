@@ -203,29 +203,27 @@ static void put_value(FILE *file, const struct gn_case_curve *curve, double valu
     }
 }
 
-/* "fast from 10, robust from 1e+04; double, certified, exact nowhere." */
+/* "Tiers of the reference: fast leaves it from 10, robust from 1e+04; double, certified, exact do not." */
 static void put_tiers_in_words(FILE *file, const struct gn_case_curve *curve)
 {
-    const char *before = "Reference tiers leave it: ";
-    for (int pass = 0; pass < 2; pass++) {
-        bool any = false;
-        for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
-            const struct gn_case_point *left = gn_case_curve_tier_left(curve, (enum gn_ref_tier)t);
-            if (!tier_asked(curve, t) || (left != NULL) != (pass == 0))
-                continue;
-            fprintf(file, "%s%s", before, gn_ref_tier_name((enum gn_ref_tier)t));
-            if (left) {
-                fputs(" from ", file);
-                put_value(file, curve, left->value);
-            }
-            any = true;
-            before = ", ";
-        }
-        if (any)
-            fputs(pass ? " nowhere. " : ". ", file);
-        if (any)
-            before = "";
+    static const char *const openings[2] = {"leaves it from ", "from "};
+    uint32_t leaving = 0, staying = 0;
+    for (int t = 0; t < GN_REF_TIER_COUNT; t++) {
+        const struct gn_case_point *left = gn_case_curve_tier_left(curve, (enum gn_ref_tier)t);
+        if (!left)
+            continue;
+        fprintf(file, "%s%s %s", leaving ? ", " : "Tiers of the reference: ", gn_ref_tier_name((enum gn_ref_tier)t),
+                openings[leaving > 0]);
+        put_value(file, curve, left->value);
+        leaving++;
     }
+    for (int t = 0; t < GN_REF_TIER_COUNT && leaving; t++)
+        if (tier_asked(curve, t) && !gn_case_curve_tier_left(curve, (enum gn_ref_tier)t))
+            fprintf(file, "%s%s", staying++ ? ", " : "; ", gn_ref_tier_name((enum gn_ref_tier)t));
+    if (leaving)
+        fputs(staying ? " nowhere. " : ". ", file);
+    else if (tier_asked(curve, 0))
+        fputs("No tier of the reference leaves it. ", file);
 }
 
 /* In words, for those who do not read curves. */

@@ -105,6 +105,42 @@ static void test_honest(void **state)
     assert_int_equal(failed, 0);
 }
 
+/*
+ * The tiers in the driver's place, on the same rays: certified and exact never leave the bound, not even where nothing
+ * is judged; fast and robust do where they are known to.
+ */
+static void test_tiers(void **state)
+{
+    uint64_t rays[GN_REF_TIER_COUNT] = {0};
+    uint32_t sweeps_left[GN_REF_TIER_COUNT] = {0};
+    (void)state;
+    for (size_t i = 0; i < gn_family_stability.case_count; i++) {
+        const struct gn_case *self = &gn_family_stability.cases[i];
+        struct gn_case_run run;
+        gn_case_run_begin(self, NULL, 1, 0.1, &run);
+        run.with_tiers = true;
+        gn_sweep_trace(&run, self->params, honest_tracer, NULL);
+        gn_case_run_end(&run);
+        for (int tier = 0; tier < GN_REF_TIER_COUNT; tier++) {
+            const struct gn_case_point *left = gn_case_curve_tier_left(&run.result.curve, (enum gn_ref_tier)tier);
+            if (left && tier >= GN_REF_TIER_CERTIFIED)
+                fail_msg("%s: tier %s leaves the bound at %g", self->name, gn_ref_tier_name((enum gn_ref_tier)tier),
+                         left->value);
+            sweeps_left[tier] += left != NULL;
+            for (uint32_t p = 0; p < run.result.curve.count; p++) {
+                const struct gn_case_point *point = &run.result.curve.points[p];
+                rays[tier] += point->tiers[tier].rays;
+                assert_true(point->tiers[tier].rays > 0 && point->tiers[tier].rays <= point->rays);
+            }
+        }
+        gn_case_run_finish(&run);
+    }
+    for (int tier = 0; tier < GN_REF_TIER_COUNT; tier++)
+        print_message("%s: %llu rays, leaves the bound in %u of %zu sweeps\n", gn_ref_tier_name((enum gn_ref_tier)tier),
+                      (unsigned long long)rays[tier], sweeps_left[tier], gn_family_stability.case_count);
+    assert_true(sweeps_left[GN_REF_TIER_FAST] > 5 && sweeps_left[GN_REF_TIER_ROBUST] > 2);
+}
+
 static const struct gn_case *case_named(const char *name)
 {
     for (size_t i = 0; i < gn_family_stability.case_count; i++)
@@ -221,9 +257,14 @@ static void test_json(void **state)
     run_losing(case_named("stability.direction.long"), 0x1p70, &run);
     cs.curve = run.result.curve;
     cs.curve.points[0].held_error_max = INFINITY;
+    for (uint32_t p = 0; p < cs.curve.count; p++)
+        for (int tier = 0; tier < GN_REF_TIER_COUNT; tier++)
+            cs.curve.points[p].tiers[tier] = (struct gn_case_tier){
+                .rays = 10 + p, .class_counts = {5, 4, 0, tier == 1 && p > 2}, .held_error_max = tier + 0.5, .margin_max = p};
     char *text = gn_results_case_encode(&cs, &length);
     assert_non_null(text);
     assert_non_null(strstr(text, "\"left_at\":1.1805916207174113e21"));
+    assert_non_null(strstr(text, "\"tiers_left_at\":{\"fast\":null,\"robust\":1073741824.0,\"double\":null,"));
     if (!gn_results_case_decode(text, length, &arena, &back, error, sizeof error))
         fail_msg("%s", error);
     assert_string_equal(back.curve.parameter, cs.curve.parameter);
@@ -236,6 +277,12 @@ static void test_json(void **state)
         assert_true(a->hit_error_median == b->hit_error_median && a->hit_error_p999 == b->hit_error_p999 &&
                     a->hit_error_max == b->hit_error_max && a->held_error_max == b->held_error_max &&
                     a->margin_max == b->margin_max && a->ideal_hits == b->ideal_hits);
+        for (int tier = 0; tier < GN_REF_TIER_COUNT; tier++) {
+            const struct gn_case_tier *given = &a->tiers[tier], *read = &b->tiers[tier];
+            assert_int_equal(read->rays, given->rays);
+            assert_memory_equal(read->class_counts, given->class_counts, sizeof given->class_counts);
+            assert_true(read->held_error_max == given->held_error_max && read->margin_max == given->margin_max);
+        }
     }
     free(text);
     /* What is no curve does no harm. */
@@ -291,7 +338,8 @@ int main(void)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(test_values), cmocka_unit_test(test_rays),
                                        cmocka_unit_test(test_status), cmocka_unit_test(test_json),
-                                       cmocka_unit_test(test_html),   cmocka_unit_test(test_honest),
+                                       cmocka_unit_test(test_html),   cmocka_unit_test(test_tiers),
+                                       cmocka_unit_test(test_honest),
                                        cmocka_unit_test(test_faults)};
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
