@@ -1,15 +1,32 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * Expectation files: deqp-runner's `name,Status` lines, with the reasons in comments. deqp-runner has no word for a leak and
- * calls it Fail, so Fail expects either; Leak is our own word, and expects a leak only.
+ * Expectation files: deqp-runner's formats, with reason, bug and expiry in comments, which it does not read. It has
+ * no word for a leak and calls it Fail, so Fail expects either; Leak is our own word, and expects a leak only.
  */
-#include "cts/select.h"
+#include "cts/expect.h"
 
 #include <ctype.h>
+#include <regex.h>
+#include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <time.h>
 
 static const char *const words[] = {"Pass", "Fail", "Leak", "Skip", "Crash", "Timeout"};
+
+/* What a file's reading is at. */
+struct reader {
+    struct gn_expectations *expectations;
+    struct gn_arena *arena;
+    const char *path;
+    enum gn_expectation_kind kind;
+    size_t number, first; /* of the line; of this file's entries in the list */
+    /* From the comment lines above; they hold for every entry until the next comment or empty line. */
+    const char *reason, *bug, *expires;
+    bool used;
+    char *error;
+    size_t error_size;
+};
 
 static char *trim(char *text)
 {
@@ -21,69 +38,197 @@ static char *trim(char *text)
     return text;
 }
 
-/* One line without its newline. A comment above an entry is its reason; an empty line ends a comment's
- * reach. */
-static bool read_line(struct gn_expectations *expectations, char *line, const char *path, size_t number,
-                      const char **reason, bool *reason_used, struct gn_arena *arena, char *out_error,
-                      size_t error_size)
+static bool fail(struct reader *reader, const char *format, ...) __attribute__((format(printf, 2, 3)));
+static bool fail(struct reader *reader, const char *format, ...)
 {
-    const char *behind = "";
-    char *comment = strchr(line, '#');
-    if (comment) {
-        *comment = 0;
-        behind = gn_arena_printf(arena, "%s", trim(comment + 1));
-    }
-    char *text = trim(line);
-    if (!*text) {
-        if (!comment)
-            *reason = "";
-        else if (*reason_used || !**reason)
-            *reason = behind;
-        else
-            *reason = gn_arena_printf(arena, "%s %s", *reason, behind);
-        *reason_used = false;
-        return true;
-    }
-    char *comma = strrchr(text, ',');
-    if (!comma) {
-        snprintf(out_error, error_size, "%s:%zu: expected `name,Status`, found '%.200s'", path, number, text);
+    va_list arguments;
+    int used = snprintf(reader->error, reader->error_size, "%s:%zu: ", reader->path, reader->number);
+    va_start(arguments, format);
+    if (used > 0 && (size_t)used < reader->error_size)
+        vsnprintf(reader->error + used, reader->error_size - (size_t)used, format, arguments);
+    va_end(arguments);
+    return false;
+}
+
+static bool is_date(const char *text)
+{
+    static const char shape[] = "0000-00-00";
+    if (strlen(text) != sizeof shape - 1)
         return false;
+    for (size_t i = 0; shape[i]; i++)
+        if (shape[i] == '0' ? !isdigit((unsigned char)text[i]) : text[i] != shape[i])
+            return false;
+    return atoi(text + 5) >= 1 && atoi(text + 5) <= 12 && atoi(text + 8) >= 1 && atoi(text + 8) <= 31;
+}
+
+/* The text behind "KEY:", or NULL. */
+static const char *value_of(const char *comment, const char *key)
+{
+    size_t length = strlen(key);
+    if (strncmp(comment, key, length) != 0 || comment[length] != ':')
+        return NULL;
+    comment += length + 1;
+    return comment + strspn(comment, " \t");
+}
+
+/* One comment, which adds to what is said of the entries below it. */
+static bool read_comment(struct reader *reader, const char *text)
+{
+    struct gn_expectations *expectations = reader->expectations;
+    const char *value;
+    if ((value = value_of(text, "device"))) {
+        if (expectations->device && strcmp(expectations->device, value) != 0)
+            return fail(reader, "this file is of the device '%s', but %s is of '%s'", value, expectations->device_place,
+                        expectations->device);
+        expectations->device = gn_arena_printf(reader->arena, "%s", value);
+        expectations->device_place = gn_arena_printf(reader->arena, "%s:%zu", reader->path, reader->number);
+    } else if ((value = value_of(text, "bug"))) {
+        reader->bug = gn_arena_printf(reader->arena, "%s", value);
+    } else if ((value = value_of(text, "expires"))) {
+        if (!is_date(value))
+            return fail(reader, "expected a date such as 2027-03-31 behind `expires:`, found '%.100s'", value);
+        reader->expires = gn_arena_printf(reader->arena, "%s", value);
+    } else if (*text) {
+        reader->reason = *reader->reason ? gn_arena_printf(reader->arena, "%s %s", reader->reason, text)
+                                         : gn_arena_printf(reader->arena, "%s", text);
     }
+    return true;
+}
+
+static bool split_status(struct reader *reader, char *text, const char **out_status)
+{
+    char *comma = strrchr(text, ',');
+    if (!comma)
+        return fail(reader, "expected `name,Status`, found '%.200s'", text);
     *comma = 0;
     const char *name = trim(text), *status = trim(comma + 1), *word = NULL;
     for (size_t i = 0; i < sizeof words / sizeof words[0]; i++)
         if (strcmp(status, words[i]) == 0)
             word = words[i];
-    if (!word || !*name) {
-        snprintf(out_error, error_size,
-                 "%s:%zu: expected a name and one of Pass, Fail, Leak, Skip, Crash, Timeout, found '%.200s' and "
-                 "'%.100s'",
-                 path, number, name, status);
-        return false;
+    if (!word || !*name)
+        return fail(reader,
+                    "expected a name and one of Pass, Fail, Leak, Skip, Crash, Timeout, found '%.200s' and '%.100s'",
+                    name, status);
+    *out_status = word;
+    return true;
+}
+
+/* A dot alone is what names are made of: a name is taken as it stands unless it has more than that. */
+static bool compile(struct reader *reader, const char *name, void **out_regex)
+{
+    char message[200];
+    *out_regex = NULL;
+    if (reader->kind == GN_EXPECT_STATUS || !strpbrk(name, "*+?[](){}|^$\\"))
+        return true;
+    regex_t *regex = calloc(1, sizeof *regex);
+    if (!regex)
+        return fail(reader, "out of memory");
+    int code = regcomp(regex, name, REG_EXTENDED | REG_NOSUB);
+    if (code != 0) {
+        regerror(code, regex, message, sizeof message);
+        free(regex);
+        return fail(reader, "'%.200s' is no regular expression: %s", name, message);
     }
-    struct gn_expectation *grown =
-        realloc(expectations->list, (expectations->count + 1) * sizeof *expectations->list);
-    if (!grown) {
-        snprintf(out_error, error_size, "%s: out of memory", path);
+    *out_regex = regex;
+    return true;
+}
+
+static bool read_entry(struct reader *reader, char *text, const char *behind)
+{
+    struct gn_expectations *expectations = reader->expectations;
+    const char *status = "";
+    void *regex;
+    if (reader->kind == GN_EXPECT_STATUS) {
+        if (!split_status(reader, text, &status))
+            return false;
+    } else if (strchr(text, ',')) {
+        return fail(reader, "expected a name alone in a file of %s, found '%.200s'",
+                    reader->kind == GN_EXPECT_FLAKE ? "flakes" : "skips", text);
+    }
+    const char *name = trim(text);
+    for (size_t i = reader->first; i < expectations->count; i++)
+        if (strcmp(expectations->list[i].name, name) == 0)
+            return fail(reader, "'%.200s' stands at %s already", name, expectations->list[i].place);
+    if (!compile(reader, name, &regex))
         return false;
+    struct gn_expectation *grown = realloc(expectations->list, (expectations->count + 1) * sizeof *expectations->list);
+    if (!grown) {
+        if (regex)
+            regfree(regex);
+        free(regex);
+        return fail(reader, "out of memory");
     }
     expectations->list = grown;
-    grown[expectations->count++] =
-        (struct gn_expectation){gn_arena_printf(arena, "%s", name), word, *behind ? behind : *reason,
-                                gn_arena_printf(arena, "%s:%zu", path, number)};
-    *reason_used = true;
+    grown[expectations->count++] = (struct gn_expectation){
+        .kind = reader->kind,
+        .name = gn_arena_printf(reader->arena, "%s", name),
+        .status = status,
+        .reason = *behind ? behind : reader->reason,
+        .bug = reader->bug,
+        .expires = reader->expires,
+        .place = gn_arena_printf(reader->arena, "%s:%zu", reader->path, reader->number),
+        .expired = *reader->expires && strcmp(expectations->today, reader->expires) > 0,
+        .regex = regex,
+    };
+    reader->used = true;
     return true;
+}
+
+/* One line without its newline. */
+static bool read_line(struct reader *reader, char *line)
+{
+    const char *behind = "";
+    char *comment = strchr(line, '#');
+    if (comment) {
+        *comment = 0;
+        comment = trim(comment + 1);
+    }
+    char *text = trim(line);
+    if (*text) {
+        if (comment)
+            behind = gn_arena_printf(reader->arena, "%s", comment);
+        return read_entry(reader, text, behind);
+    }
+    if (!comment || reader->used) {
+        reader->reason = reader->bug = reader->expires = "";
+        reader->used = false;
+    }
+    return !comment || read_comment(reader, comment);
+}
+
+static bool ends_with(const char *text, const char *end)
+{
+    size_t length = strlen(text), end_length = strlen(end);
+    return length >= end_length && strcmp(text + length - end_length, end) == 0;
 }
 
 bool gn_expectations_read(struct gn_expectations *expectations, const char *path, struct gn_arena *arena,
                           char *out_error, size_t error_size)
 {
     char *data = NULL;
-    size_t length = 0, number = 1;
+    size_t length = 0;
     if (!gn_file_read(path, 64 << 20, &data, &length, out_error, error_size))
         return false;
-    bool ok = true, reason_used = false;
-    const char *reason = "";
+    if (!expectations->today[0]) {
+        time_t now = time(NULL);
+        struct tm parts;
+        gmtime_r(&now, &parts);
+        strftime(expectations->today, sizeof expectations->today, "%Y-%m-%d", &parts);
+    }
+    struct reader reader = {.expectations = expectations,
+                            .arena = arena,
+                            .path = path,
+                            .kind = ends_with(path, "-flakes.txt")  ? GN_EXPECT_FLAKE
+                                    : ends_with(path, "-skips.txt") ? GN_EXPECT_SKIP
+                                                                    : GN_EXPECT_STATUS,
+                            .number = 1,
+                            .first = expectations->count,
+                            .reason = "",
+                            .bug = "",
+                            .expires = "",
+                            .error = out_error,
+                            .error_size = error_size};
+    bool ok = true;
     if (memchr(data, 0, length)) {
         snprintf(out_error, error_size, "%s: expected text, found a zero byte", path);
         ok = false;
@@ -91,12 +236,12 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
     for (char *at = data; (at = strstr(at, "\r\n"));)
         *at = ' ';
     gn_text_clean(data);
-    for (char *at = data; ok && *at; number++) {
+    for (char *at = data; ok && *at; reader.number++) {
         char *end = strchr(at, '\n');
         if (end)
             *end = 0;
         char *next = end ? end + 1 : at + strlen(at);
-        ok = read_line(expectations, at, path, number, &reason, &reason_used, arena, out_error, error_size);
+        ok = read_line(&reader, at);
         at = next;
     }
     free(data);
@@ -105,36 +250,72 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
 
 void gn_expectations_finish(struct gn_expectations *expectations)
 {
+    for (size_t i = 0; i < expectations->count; i++) {
+        if (expectations->list[i].regex)
+            regfree(expectations->list[i].regex);
+        free(expectations->list[i].regex);
+    }
     free(expectations->list);
     *expectations = (struct gn_expectations){0};
 }
 
+static bool names(const struct gn_expectation *entry, const char *name)
+{
+    return entry->regex ? regexec(entry->regex, name, 0, NULL, 0) == 0 : strcmp(entry->name, name) == 0;
+}
+
+const struct gn_expectation *gn_expectations_find(const struct gn_expectations *expectations,
+                                                  enum gn_expectation_kind kind, const char *name)
+{
+    for (size_t i = expectations->count; i-- > 0;) {
+        const struct gn_expectation *entry = &expectations->list[i];
+        if (entry->kind == kind && !entry->expired && names(entry, name))
+            return entry;
+    }
+    return NULL;
+}
+
 void gn_expectations_apply(const struct gn_expectations *expectations, struct gn_results_case *cs)
 {
-    const struct gn_expectation *found = NULL;
-    for (size_t i = 0; i < expectations->count; i++)
-        if (strcmp(expectations->list[i].name, cs->name) == 0)
-            found = &expectations->list[i];
+    const struct gn_expectation *entry = gn_expectations_find(expectations, GN_EXPECT_STATUS, cs->name);
+    const struct gn_expectation *flake = gn_expectations_find(expectations, GN_EXPECT_FLAKE, cs->name);
     bool failed = gn_case_status_is_failure(cs->status);
+    bool expects_failure = entry && strcmp(entry->status, "Pass") != 0 && strcmp(entry->status, "Skip") != 0;
     cs->outcome = failed ? GN_OUTCOME_UNEXPECTED : GN_OUTCOME_AS_EXPECTED;
-    cs->expected = found ? found->status : "";
-    cs->expected_reason = found ? found->reason : "";
-    if (!found)
-        return;
-    bool expects_failure = strcmp(found->status, "Pass") != 0 && strcmp(found->status, "Skip") != 0;
-    if (failed && (strcmp(found->status, gn_case_status_deqp(cs->status)) == 0 ||
-                   (cs->status == GN_CASE_LEAK && strcmp(found->status, "Leak") == 0)))
+    if (failed && entry &&
+        (strcmp(entry->status, gn_case_status_deqp(cs->status)) == 0 ||
+         (cs->status == GN_CASE_LEAK && strcmp(entry->status, "Leak") == 0))) {
         cs->outcome = GN_OUTCOME_EXPECTED_FAILURE;
-    else if (cs->status == GN_CASE_PASS && expects_failure)
+    } else if (flake) {
+        if (failed)
+            cs->outcome = GN_OUTCOME_EXPECTED_FAILURE;
+        entry = flake;
+    } else if (cs->status == GN_CASE_PASS && expects_failure) {
         cs->outcome = GN_OUTCOME_UNEXPECTED_PASS;
+    }
+    cs->expected = !entry ? "" : entry == flake ? "Flake" : entry->status;
+    cs->expected_reason = entry ? entry->reason : "";
+    cs->expected_place = entry ? entry->place : "";
 }
 
 void gn_expectations_check(const struct gn_expectations *expectations, const struct gn_selected *catalogue,
                            size_t count, struct gn_results *results)
 {
     for (size_t i = 0; i < expectations->count; i++) {
-        const struct gn_expectation *e = &expectations->list[i];
-        if (!gn_catalogue_find(catalogue, count, e->name))
-            gn_results_add_unmatched(results, gn_arena_printf(&results->arena, "%s: %s", e->place, e->name));
+        const struct gn_expectation *entry = &expectations->list[i];
+        bool found = false;
+        for (size_t c = 0; c < count && !found; c++)
+            found = names(entry, catalogue[c].name);
+        if (!found)
+            gn_results_add_stale(results, gn_arena_printf(&results->arena, "%s: no case is named %s", entry->place,
+                                                          entry->name));
+        else if (entry->expired)
+            gn_results_add_stale(results, gn_arena_printf(&results->arena, "%s: the entry of %s expired after %s",
+                                                          entry->place, entry->name, entry->expires));
     }
+}
+
+const char *gn_expectations_device(const struct gn_device_info *info, struct gn_arena *arena)
+{
+    return gn_arena_printf(arena, "0x%04x:0x%04x %s", info->vendor_id, info->device_id, info->driver_name);
 }

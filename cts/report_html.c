@@ -456,11 +456,11 @@ static void put_failures(FILE *file, const struct gn_results *results, const cha
     put_cases_of(file, results, folder, "Unexpected passes",
                  "An expectation file says that these fail. They passed: take them out of the file.",
                  GN_OUTCOME_UNEXPECTED_PASS, 0);
-    if (results->unmatched_count) {
-        fputs("<h2>Expectations that name no case</h2>\n<ul>", file);
-        for (size_t i = 0; i < results->unmatched_count; i++) {
+    if (results->stale_count) {
+        fputs("<h2>Stale expectations</h2>\n<ul>", file);
+        for (size_t i = 0; i < results->stale_count; i++) {
             fputs("<li class=mono>", file);
-            text(file, results->unmatched[i]);
+            text(file, results->stale[i]);
         }
         fputs("</ul>\n", file);
     }

@@ -25,7 +25,7 @@ void gn_results_finish(struct gn_results *results)
 {
     free(results->cases);
     free(results->notes);
-    free(results->unmatched);
+    free(results->stale);
     gn_arena_finish(&results->arena);
     memset(results, 0, sizeof *results);
 }
@@ -62,6 +62,7 @@ struct gn_results_case *gn_results_add(struct gn_results *results, const struct 
     cs->replay = keep(results, source->replay);
     cs->expected = keep(results, source->expected);
     cs->expected_reason = keep(results, source->expected_reason);
+    cs->expected_place = keep(results, source->expected_place);
     cs->curve.parameter = keep(results, source->curve.parameter);
     cs->curve.unit = keep(results, source->curve.unit);
     cs->curve.why = keep(results, source->curve.why);
@@ -85,10 +86,10 @@ void gn_results_note(struct gn_results *results, const char *format, ...)
     results->notes[results->note_count++] = keep(results, text);
 }
 
-void gn_results_add_unmatched(struct gn_results *results, const char *text)
+void gn_results_add_stale(struct gn_results *results, const char *text)
 {
-    results->unmatched = grow(results->unmatched, results->unmatched_count + 1, sizeof *results->unmatched);
-    results->unmatched[results->unmatched_count++] = keep(results, text);
+    results->stale = grow(results->stale, results->stale_count + 1, sizeof *results->stale);
+    results->stale[results->stale_count++] = keep(results, text);
 }
 
 struct gn_results_totals gn_results_totals(const struct gn_results *results)
@@ -202,9 +203,9 @@ void gn_results_verdict(const struct gn_results *results, char *out, size_t size
                totals.unexpected_passes == 1 ? "was" : "were");
         any = true;
     }
-    if (results->unmatched_count) {
-        append(out, size, "%s%zu expectation%s no case", any ? ", " : "", results->unmatched_count,
-               results->unmatched_count == 1 ? " names" : "s name");
+    if (results->stale_count) {
+        append(out, size, "%s%zu expectation%s stale", any ? ", " : "", results->stale_count,
+               results->stale_count == 1 ? " is" : "s are");
         any = true;
     }
     unsigned long long passed = totals.by_status[GN_CASE_PASS] - totals.unexpected_passes;
@@ -235,7 +236,7 @@ int gn_results_exit_status(const struct gn_results *results)
     struct gn_results_totals totals = gn_results_totals(results);
     if (results->stopped[0] && !results->stopped_at_limit)
         return 3;
-    if (totals.counting || results->unmatched_count)
+    if (totals.counting || results->stale_count)
         return 1;
     return totals.by_status[GN_CASE_SKIP] == results->count ? 4 : 0;
 }

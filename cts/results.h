@@ -42,6 +42,7 @@ struct gn_results_case {
     enum gn_results_outcome outcome;
     const char *expected; /* the expectation file's status word, or "" */
     const char *expected_reason;
+    const char *expected_place; /* "FILE:LINE" of the expectation, or "" */
     /* Only between a worker and its parent: one byte per ray, as in gn_case_result. */
     uint8_t *image;
 };
@@ -74,8 +75,8 @@ struct gn_results {
     bool stopped_at_limit; /* it ended early because of --max-fails: failures, not the harness */
     const char **notes;    /* things worth saying that belong to no case; malloc'ed array of arena strings */
     size_t note_count;
-    const char **unmatched; /* expectations that name no case, "FILE:LINE: NAME"; malloc'ed array */
-    size_t unmatched_count;
+    const char **stale; /* expectations that no longer hold, "FILE:LINE: why"; malloc'ed array */
+    size_t stale_count;
 };
 
 void gn_results_init(struct gn_results *results);
@@ -86,7 +87,7 @@ void gn_results_finish(struct gn_results *results);
 struct gn_results_case *gn_results_add(struct gn_results *results, const struct gn_results_case *source);
 void gn_results_note(struct gn_results *results, const char *format, ...)
     __attribute__((format(printf, 2, 3)));
-void gn_results_add_unmatched(struct gn_results *results, const char *text);
+void gn_results_add_stale(struct gn_results *results, const char *text);
 
 struct gn_results_totals {
     uint64_t by_status[GN_CASE_STATUS_COUNT];

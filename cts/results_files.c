@@ -141,7 +141,7 @@ done:
 static const char *csv_status(const struct gn_results_case *cs)
 {
     if (cs->outcome == GN_OUTCOME_EXPECTED_FAILURE)
-        return "ExpectedFail";
+        return strcmp(cs->expected, "Flake") == 0 ? "KnownFlake" : "ExpectedFail";
     if (cs->outcome == GN_OUTCOME_UNEXPECTED_PASS)
         return "UnexpectedImprovement(Pass)";
     return gn_case_status_deqp(cs->status);

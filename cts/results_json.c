@@ -269,6 +269,7 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
     if (cs->expected && cs->expected[0]) {
         put_text(doc, root, "expected", cs->expected);
         put_text(doc, root, "expected_reason", cs->expected_reason);
+        put_text(doc, root, "expected_place", cs->expected_place);
     }
     if (cs->output && cs->output[0])
         put_text(doc, root, "output", cs->output);
@@ -482,6 +483,7 @@ bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *ar
     out->margin_max = get_real(root, "margin_max");
     out->expected = get_text(root, "expected", arena);
     out->expected_reason = get_text(root, "expected_reason", arena);
+    out->expected_place = get_text(root, "expected_place", arena);
     out->output = get_text(root, "output", arena);
     out->picture = get_text(root, "picture", arena);
     out->replay = get_text(root, "replay", arena);
@@ -687,7 +689,7 @@ char *gn_results_summary_encode(const struct gn_results *results, size_t *out_le
     yyjson_mut_val *counts = yyjson_mut_obj_add_obj(doc, root, "counts");
     for (int s = 0; s < GN_CASE_STATUS_COUNT; s++)
         put_uint(doc, counts, gn_case_status_name((enum gn_case_status)s), totals.by_status[s]);
-    put_uint(doc, root, "counting", totals.counting + results->unmatched_count);
+    put_uint(doc, root, "counting", totals.counting + results->stale_count);
     put_uint(doc, root, "expected_failures", totals.expected_failures);
     put_uint(doc, root, "unexpected_passes", totals.unexpected_passes);
     put_uint(doc, root, "ideal_hits", totals.ideal_hits);
@@ -696,9 +698,9 @@ char *gn_results_summary_encode(const struct gn_results *results, size_t *out_le
         put_uint(doc, classes, gn_results_class_key((enum gn_ref_verdict_class)c), totals.class_counts[c]);
     put_real(doc, root, "hit_error_max", totals.hit_error_max);
     put_text(doc, root, "stopped", results->stopped);
-    yyjson_mut_val *unmatched = yyjson_mut_obj_add_arr(doc, root, "unmatched_expectations");
-    for (size_t i = 0; i < results->unmatched_count; i++)
-        yyjson_mut_arr_add_strcpy(doc, unmatched, results->unmatched[i]);
+    yyjson_mut_val *stale = yyjson_mut_obj_add_arr(doc, root, "stale_expectations");
+    for (size_t i = 0; i < results->stale_count; i++)
+        yyjson_mut_arr_add_strcpy(doc, stale, results->stale[i]);
     yyjson_mut_val *notes = yyjson_mut_obj_add_arr(doc, root, "notes");
     for (size_t i = 0; i < results->note_count; i++)
         yyjson_mut_arr_add_strcpy(doc, notes, results->notes[i]);

@@ -5,6 +5,7 @@
 
 #include <argp.h>
 
+#include "cts/expect.h"
 #include "cts/runner.h"
 
 struct gn_run_options {

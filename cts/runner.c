@@ -40,6 +40,7 @@ struct runner {
     double *weights; /* what each case is expected to take */
     struct slot *slots;
     size_t slot_count;
+    bool *skipped; /* the cases that an expectation file says not to run */
     bool device_known;
     bool stop;   /* no case is started any more and workers are killed; results->stopped says why */
     int refused; /* an exit status for a run that cannot begin; -1 while it can */
@@ -174,6 +175,37 @@ static void start_failed(struct runner *runner, struct slot *slot, const char *w
     free(noise);
 }
 
+static bool already_done(const struct runner *runner, const char *name)
+{
+    for (size_t i = 0; runner->options->resume && i < runner->results->count; i++)
+        if (strcmp(runner->results->cases[i].name, name) == 0)
+            return true;
+    return false;
+}
+
+/* Records what the expectation files say not to run. */
+static void skip_cases(struct runner *runner)
+{
+    for (size_t i = 0; i < runner->count && !runner->stop; i++) {
+        struct gn_arena arena = {0};
+        const struct gn_selected *selected = &runner->cases[i];
+        const struct gn_expectation *entry =
+            gn_expectations_find(runner->options->expectations, GN_EXPECT_SKIP, selected->name);
+        if (!entry || already_done(runner, selected->name))
+            continue;
+        struct gn_results_case cs = {
+            .name = selected->name,
+            .family = gn_case_family_name(selected->self->name, &arena),
+            .spec = selected->self->spec,
+            .status = GN_CASE_SKIP,
+            .message = gn_arena_printf(&arena, "not run: %s%s%s", entry->place, *entry->reason ? ": " : "", entry->reason),
+        };
+        runner->skipped[i] = true;
+        record(runner, &cs, runner->weights[i]);
+        gn_arena_finish(&arena);
+    }
+}
+
 /* The first device decides what the run is about; --resume must meet the same again. */
 static void device_opened(struct runner *runner, const char *text, size_t length)
 {
@@ -185,28 +217,31 @@ static void device_opened(struct runner *runner, const char *text, size_t length
         return;
     }
     runner->device_known = true;
+    struct gn_arena arena = {0};
+    const struct gn_expectations *expectations = runner->options->expectations;
+    const char *device = gn_expectations_device(&run->device, &arena);
+    if (expectations->device && strcmp(expectations->device, device) != 0)
+        refuse(runner, 2, "%s: these expectations are of the device '%s', the driver has '%s'",
+               expectations->device_place, expectations->device, device);
+    gn_arena_finish(&arena);
+    if (runner->refused >= 0)
+        return;
     if (!gn_output_begin(&runner->output, runner->results, runner->options->resume, &exit_status, error,
                          sizeof error)) {
         refuse(runner, exit_status, "%s", error);
         return;
     }
+    skip_cases(runner);
     fprintf(stderr, "gnomon: %zu case%s on %s (%s %s), %u worker%s\n", runner->count,
             runner->count == 1 ? "" : "s", run->device.name, run->device.driver_name, run->device.driver_info,
             run->jobs, run->jobs == 1 ? "" : "s");
 }
 
-static bool already_done(const struct runner *runner, const char *name)
-{
-    for (size_t i = 0; runner->options->resume && i < runner->results->count; i++)
-        if (strcmp(runner->results->cases[i].name, name) == 0)
-            return true;
-    return false;
-}
-
 /* The next case that is still to be run; `count` when there is none. */
 static size_t next_case(struct runner *runner)
 {
-    while (runner->next < runner->count && already_done(runner, runner->cases[runner->next].name))
+    while (runner->next < runner->count &&
+           (runner->skipped[runner->next] || already_done(runner, runner->cases[runner->next].name)))
         runner->next++;
     return runner->next;
 }
@@ -476,7 +511,8 @@ int gn_runner_run(const struct gn_runner_options *options, const struct gn_selec
     runner.slots = calloc(runner.slot_count, sizeof *runner.slots);
     fds = calloc(runner.slot_count, sizeof *fds);
     runner.weights = calloc(count, sizeof *runner.weights);
-    if (!runner.slots || !fds || !runner.weights) {
+    runner.skipped = calloc(count, sizeof *runner.skipped);
+    if (!runner.slots || !runner.skipped || !fds || !runner.weights) {
         fprintf(stderr, "gnomon: out of memory for %zu cases\n", count);
         goto done;
     }
@@ -530,6 +566,7 @@ int gn_runner_run(const struct gn_runner_options *options, const struct gn_selec
 done:
     gn_output_close(&runner.output);
     free(runner.weights);
+    free(runner.skipped);
     free(runner.slots);
     free(fds);
     return exit_status;

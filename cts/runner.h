@@ -3,8 +3,7 @@
 #ifndef GNOMON_CTS_RUNNER_H
 #define GNOMON_CTS_RUNNER_H
 
-#include "cts/results.h"
-#include "cts/select.h"
+#include "cts/expect.h"
 
 struct gn_runner_options {
     const char *out; /* the output folder, as typed */

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Which cases a run has: the catalogue, filters, shards, expectations. */
+/* Which cases a run has: the catalogue, filters, shards. */
 #ifndef GNOMON_CTS_SELECT_H
 #define GNOMON_CTS_SELECT_H
 
@@ -28,27 +28,5 @@ bool gn_pattern_matches(const char *pattern, const char *name);
  */
 size_t gn_select(struct gn_selected *cases, size_t count, const char *const *filters, size_t filter_count,
                  uint32_t shard, uint32_t shard_count, char *out_error, size_t error_size);
-
-/* One line of an expectation file. */
-struct gn_expectation {
-    const char *name;
-    const char *status; /* deqp-runner's word */
-    const char *reason; /* the comments above it or behind it */
-    const char *place;  /* "FILE:LINE" */
-};
-struct gn_expectations {
-    struct gn_expectation *list; /* malloc'ed */
-    size_t count;
-};
-/* Adds a file's lines. False with a message that names the line on anything but `name,Status`, '#' or
- * nothing. */
-bool gn_expectations_read(struct gn_expectations *expectations, const char *path, struct gn_arena *arena,
-                          char *out_error, size_t error_size);
-void gn_expectations_finish(struct gn_expectations *expectations);
-/* Sets outcome, expected and expected_reason. The last line for a name decides. */
-void gn_expectations_apply(const struct gn_expectations *expectations, struct gn_results_case *cs);
-/* Records the entries that name no case of the catalogue. */
-void gn_expectations_check(const struct gn_expectations *expectations, const struct gn_selected *catalogue,
-                           size_t count, struct gn_results *results);
 
 #endif

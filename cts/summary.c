@@ -51,7 +51,7 @@ static void print_failures(const struct gn_results *results, const char *out, co
         printf("\n  %s%s%s %s\n", red, pass ? "unexpected pass" : gn_case_status_name(cs->status), plain,
                cs->name);
         if (pass)
-            printf("    expected %s%s%s\n", cs->expected, cs->expected_reason[0] ? ": " : "",
+            printf("    %s expects %s%s%s\n", cs->expected_place, cs->expected, cs->expected_reason[0] ? ": " : "",
                    cs->expected_reason);
         else
             printf("    %.*s\n", (int)strcspn(cs->message, "\n"), cs->message);
@@ -120,8 +120,8 @@ void gn_summary_print(const struct gn_results *results, const char *out)
                totals.hit_error_max, gn_ref_verdict_bound());
     }
     print_failures(results, out, red, plain);
-    for (size_t i = 0; i < results->unmatched_count; i++)
-        printf("\n  %sno such case%s %s\n", red, plain, results->unmatched[i]);
+    for (size_t i = 0; i < results->stale_count; i++)
+        printf("\n  %sstale expectation%s %s\n", red, plain, results->stale[i]);
     for (size_t i = 0; i < results->note_count; i++)
         printf("\nnote: %s\n", results->notes[i]);
     print_slowest(results);

@@ -321,7 +321,7 @@ static void expectations(void **state)
     fputs("query.gone.away,Fail\n", file);
     fclose(file);
     outcome = RUN("run", FEW, "--out", "expected", "--expect", "stale.txt");
-    expect_status(&outcome, 1, "stale.txt:1: query.gone.away");
+    expect_status(&outcome, 1, "stale.txt:1: no case is named query.gone.away");
     forget(&outcome);
 }
 

@@ -289,7 +289,7 @@ static void verdicts(void **state)
          false,
          "1 case passed that was expected to fail; 1 passed.",
          1},
-        {{{GN_CASE_PASS, E}}, 1, "", false, true, "1 expectation names no case; 1 passed.", 1},
+        {{{GN_CASE_PASS, E}}, 1, "", false, true, "1 expectation is stale; 1 passed.", 1},
         {{{GN_CASE_SKIP, E}, {GN_CASE_SKIP, E}},
          2,
          "",
@@ -331,7 +331,7 @@ static void verdicts(void **state)
         results.stopped_at_limit = rows[i].at_limit;
         results.run.selected = 9;
         if (rows[i].unmatched)
-            gn_results_add_unmatched(&results, "file:3: query.no.such");
+            gn_results_add_stale(&results, "file:3: query.no.such");
         gn_results_verdict(&results, verdict, sizeof verdict);
         if (strcmp(verdict, rows[i].verdict) != 0 || gn_results_exit_status(&results) != rows[i].exit_status)
             fail_msg("row %zu: expected '%s' and %d, found '%s' and %d", i, rows[i].verdict,

@@ -100,100 +100,6 @@ static const char *write_temporary(const char *content)
     return path;
 }
 
-static void expectation_files(void **state)
-{
-    static const struct {
-        const char *content;
-        const char *error; /* NULL: it is read */
-        size_t count;
-        const char *reason; /* of the last entry */
-    } rows[] = {
-        {"", NULL, 0, NULL},
-        {"\n\n# only words\n", NULL, 0, NULL},
-        {"query.a.b,Fail\n", NULL, 1, ""},
-        {"query.a.b,Fail", NULL, 1, ""}, /* no newline at the end */
-        {"  query.a.b , Crash \r\n", NULL, 1, ""},
-        {"# wrong at edges\n# of slivers\nquery.a.b,Fail\n", NULL, 1, "wrong at edges of slivers"},
-        {"# stale\n\nquery.a.b,Fail\n", NULL, 1, ""}, /* an empty line parts a comment from what follows */
-        {"# both\nquery.a.b,Fail\nquery.a.c,Timeout\n", NULL, 2, "both"},
-        {"# one\nquery.a.b,Fail\n# two\nquery.a.c,Fail\n", NULL, 2, "two"},
-        {"query.a.b,Fail # behind\n", NULL, 1, "behind"},
-        {"query.a.b\n", ":1: expected `name,Status`", 0, NULL},
-        {"query.a.b,Pass\nquery.a.c,Leak\n", NULL, 2, ""},
-        {"query.a.b,Pass\nquery.a.c,Flake\n", ":2: expected a name and one of", 0, NULL},
-        {"query.a.b,fail\n", "found 'query.a.b' and 'fail'", 0, NULL},
-        {",Fail\n", ":1: expected a name", 0, NULL},
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
-        struct gn_arena arena = {0};
-        struct gn_expectations expectations = {0};
-        char error[600] = "";
-        const char *path = write_temporary(rows[i].content);
-        bool ok = gn_expectations_read(&expectations, path, &arena, error, sizeof error);
-        unlink(path);
-        if (rows[i].error) {
-            if (ok || !strstr(error, rows[i].error))
-                fail_msg("row %zu: expected '%s', found '%s'", i, rows[i].error, error);
-        } else {
-            if (!ok || expectations.count != rows[i].count)
-                fail_msg("row %zu: expected %zu entries, found %zu, '%s'", i, rows[i].count,
-                         expectations.count, error);
-            if (rows[i].count && strcmp(expectations.list[rows[i].count - 1].reason, rows[i].reason) != 0)
-                fail_msg("row %zu: expected the reason '%s', found '%s'", i, rows[i].reason,
-                         expectations.list[rows[i].count - 1].reason);
-        }
-        gn_expectations_finish(&expectations);
-        gn_arena_finish(&arena);
-    }
-    struct gn_arena arena = {0};
-    struct gn_expectations expectations = {0};
-    char error[600];
-    assert_false(gn_expectations_read(&expectations, "/nowhere/at/all", &arena, error, sizeof error));
-    assert_non_null(strstr(error, "/nowhere/at/all"));
-    gn_arena_finish(&arena);
-}
-
-static void outcomes(void **state)
-{
-    static const struct {
-        const char *expected; /* NULL: no entry */
-        enum gn_case_status status;
-        enum gn_results_outcome outcome;
-    } rows[] = {
-        {NULL, GN_CASE_PASS, GN_OUTCOME_AS_EXPECTED},
-        {NULL, GN_CASE_SKIP, GN_OUTCOME_AS_EXPECTED},
-        {NULL, GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
-        {NULL, GN_CASE_LEAK, GN_OUTCOME_UNEXPECTED},
-        {NULL, GN_CASE_ERROR, GN_OUTCOME_UNEXPECTED},
-        {"Fail", GN_CASE_FAIL, GN_OUTCOME_EXPECTED_FAILURE},
-        {"Fail", GN_CASE_LEAK, GN_OUTCOME_EXPECTED_FAILURE},
-        {"Leak", GN_CASE_LEAK, GN_OUTCOME_EXPECTED_FAILURE},
-        {"Leak", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED}, /* answers that are wrong are more than a leak */
-        {"Leak", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
-        {"Fail", GN_CASE_CRASH, GN_OUTCOME_UNEXPECTED}, /* worse than expected */
-        {"Fail", GN_CASE_TIMEOUT, GN_OUTCOME_UNEXPECTED},
-        {"Fail", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
-        {"Fail", GN_CASE_SKIP, GN_OUTCOME_AS_EXPECTED}, /* nothing was learnt */
-        {"Crash", GN_CASE_CRASH, GN_OUTCOME_EXPECTED_FAILURE},
-        {"Crash", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
-        {"Timeout", GN_CASE_TIMEOUT, GN_OUTCOME_EXPECTED_FAILURE},
-        {"Pass", GN_CASE_PASS, GN_OUTCOME_AS_EXPECTED},
-        {"Pass", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
-    };
-    (void)state;
-    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
-        struct gn_expectation entry = {"query.a.b", rows[i].expected, "why", "f:1"};
-        struct gn_expectations expectations = {&entry, rows[i].expected ? 1 : 0};
-        struct gn_results_case cs = {.name = "query.a.b", .status = rows[i].status};
-        gn_expectations_apply(&expectations, &cs);
-        if (cs.outcome != rows[i].outcome)
-            fail_msg("expected %s, status %s: outcome %d, should be %d",
-                     rows[i].expected ? rows[i].expected : "nothing", gn_case_status_name(rows[i].status),
-                     cs.outcome, rows[i].outcome);
-    }
-}
-
 static void drivers(void **state)
 {
     struct gn_arena arena = {0};
@@ -270,8 +176,9 @@ static void drivers_in_roots(void **state)
 int main(void)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(patterns), cmocka_unit_test(selection), cmocka_unit_test(expectation_files),
-        cmocka_unit_test(outcomes), cmocka_unit_test(drivers),
+        cmocka_unit_test(patterns),
+        cmocka_unit_test(selection),
+        cmocka_unit_test(drivers),
         cmocka_unit_test(drivers_in_roots),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
