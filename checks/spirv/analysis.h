@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What is known of a module's ray queries: the variables and parameters that hold them, the operations on them, and the
- * states in which these may be reached. Internal to checks/spirv. */
+ * states in which these may be reached; and its traces, reports and calls, which have no state. Internal to checks/spirv. */
 #ifndef GN_CHECKS_SPIRV_ANALYSIS_H
 #define GN_CHECKS_SPIRV_ANALYSIS_H
 
@@ -39,6 +39,10 @@ enum operation_kind {
     OPERATION_GET_RAY,
     OPERATION_GET,
     OPERATION_GET_AABB_OPAQUE,
+    OPERATION_TRACE,
+    OPERATION_TRACE_MOTION,
+    OPERATION_REPORT,
+    OPERATION_CALL,
 };
 
 enum operation_needs { NEEDS_NOTHING, NEEDS_TRIANGLE_CANDIDATE, NEEDS_TRIANGLE };
@@ -46,12 +50,19 @@ enum operation_needs { NEEDS_NOTHING, NEEDS_TRIANGLE_CANDIDATE, NEEDS_TRIANGLE }
 struct operation {
     uint32_t opcode;
     const char *name;
-    uint32_t query_word;
+    uint32_t query_word; /* 0: it is about no query */
+    uint32_t ray_word;   /* 0: it is about no ray */
     enum operation_kind kind;
     enum operation_needs needs;
 };
 /* NULL for any other instruction. */
 const struct operation *operation_of(uint32_t opcode);
+
+/* The words of an instruction that say which ray is traced; 0 for those that it does not have. */
+struct ray_words {
+    uint32_t flags, mask, sbt_offset, sbt_stride, miss, origin, tmin, direction, tmax, time, payload;
+};
+struct ray_words ray_words_of(const struct operation *operation);
 
 /* A variable or parameter that holds queries: one, or an array of them. */
 struct root {
@@ -76,14 +87,18 @@ struct object {
 struct site {
     uint32_t inst, block;
     const struct operation *operation;
-    uint32_t root;
-    uint32_t object;
+    uint32_t root, object; /* NONE for an operation without a query */
     bool committed;       /* a getter of the committed intersection */
     bool reachable;
     uint32_t states;      /* in which it may be reached */
     uint64_t judged, checked, wrong; /* bits of rules */
     uint32_t first_check;
 };
+
+/* Which shaders of a ray-tracing pipeline run a function: those that a command starts, and those that a trace invokes. What no
+ * entry point reaches may be run by both. */
+#define STAGE_RAYGEN 1u
+#define STAGE_NESTED 2u
 
 struct analysis {
     struct module *module;
@@ -96,7 +111,8 @@ struct analysis {
     struct site *sites;
     uint32_t site_count;
     uint32_t *site_of;   /* per instruction; NONE otherwise */
-    bool *touches;       /* per function: operates on queries, itself or through calls */
+    bool *touches;       /* per function: has sites or parameters that are queries, itself or through calls */
+    uint8_t *stages;     /* per function: STAGE_*, of the entry points that reach it */
     bool *names;         /* per function and root: it, or what it calls, names that Private variable itself */
     uint32_t check_count;
 };
@@ -112,18 +128,25 @@ uint32_t pointer_object(const struct analysis *analysis, uint32_t id);
 /* Fills the states of the sites. */
 enum gn_spirv_status flow_run(struct analysis *analysis);
 
-/* What the operands of an Initialize or Generate say: bits of rules that they break and that they cannot break. */
+/* What the operands of an operation say: bits of rules that they break and that they cannot break. */
 struct operand_verdict {
     uint64_t wrong, right;
 };
 struct operand_verdict operands_judge(const struct analysis *analysis, const struct inst *inst);
-/* The ray flags of an Initialize, if known. */
+/* The ray flags of an operation with a ray, if known. */
 bool operands_flags(const struct module *module, const struct inst *inst, uint32_t *out);
 /* The flags that have a meaning in this module. */
 uint32_t known_flags(const struct module *module);
 
 /* Decides per site and rule what is proved, wrong or to be checked. */
 void verdicts_make(struct analysis *analysis);
+
+/* The rules of a ray, as they are numbered for Initialize; for traces they are RULES_OF_RAY_TO_TRACE further. */
+#define RULES_OF_RAY 10
+#define RULES_OF_RAY_TO_TRACE (GN_SPIRV_RULE_TRACE_NAN - GN_SPIRV_RULE_INITIALIZE_NAN)
+_Static_assert(GN_SPIRV_RULE_INITIALIZE_MASK_BITS - GN_SPIRV_RULE_INITIALIZE_NAN + 1 == RULES_OF_RAY &&
+                   GN_SPIRV_RULE_TRACE_MASK_BITS - GN_SPIRV_RULE_TRACE_NAN + 1 == RULES_OF_RAY,
+               "the rules of a ray are the same for Initialize and traces");
 
 #define RULE_BIT(name) (UINT64_C(1) << GN_SPIRV_RULE_##name)
 

@@ -1,9 +1,10 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The code that runs at an operation on a ray query: a condition that is cheap where all is well, and behind it, the call that
- * leaves records. A check never does itself what the specification leaves undefined: it asks a query for its candidate
- * only where the shadow state says that there is one.
+/* The code that runs at an operation: a condition that is cheap where all is well, and behind it, the call that leaves
+ * records. A check never does itself what the specification leaves undefined: it asks a query for its candidate only where
+ * the shadow state says that there is one.
  *
- * The shadow state is a word per query (GN_RECORD_STATE_*), and the tmax it was initialized with where an intersection is generated. */
+ * The shadow state is a word per query (GN_RECORD_STATE_*, and above it the number of Proceeds where these are limited), and the tmax it
+ * was initialized with where an intersection is generated. */
 #include "checks/spirv/records.h"
 #include "checks/spirv/writer.h"
 
@@ -14,13 +15,14 @@
 #define RULES_OF_STATE                                                                                                 \
     (RULE_BIT(UNINITIALIZED) | RULE_BIT(PROCEED_AFTER_FALSE) | RULE_BIT(TERMINATE_AFTER_FALSE) |                       \
      RULE_BIT(CANDIDATE_NONE) | RULE_BIT(CONFIRM_NO_CANDIDATE) | RULE_BIT(GENERATE_NO_CANDIDATE) |                     \
-     RULE_BIT(COMMITTED_TOO_EARLY))
+     RULE_BIT(COMMITTED_TOO_EARLY) | RULE_BIT(PROCEED_LIMIT))
 /* Rules that ask the query for its candidate or for what is committed. */
 #define RULES_OF_CANDIDATE                                                                                             \
     (RULE_BIT(CANDIDATE_NOT_TRIANGLE) | RULE_BIT(CANDIDATE_NOT_AABB) | RULE_BIT(CONFIRM_NOT_TRIANGLE) |                \
      RULE_BIT(GENERATE_NOT_AABB) | RULE_BIT(GENERATE_RANGE))
 #define RULES_OF_COMMITTED (RULE_BIT(COMMITTED_NONE) | RULE_BIT(COMMITTED_NOT_TRIANGLE))
-#define RULES_OF_INITIALIZE (~UINT64_C(0) << GN_SPIRV_RULE_INITIALIZE_NAN)
+#define RULES_OF_INITIALIZE (((UINT64_C(1) << RULES_OF_RAY) - 1) << GN_SPIRV_RULE_INITIALIZE_NAN)
+#define RULES_OF_TRACED_RAY (RULES_OF_INITIALIZE << RULES_OF_RAY_TO_TRACE)
 
 /* Conditions gathered at one site. */
 struct gathered {
@@ -89,11 +91,37 @@ static void gather_states(struct writer *writer, const struct site *site, uint32
     for (size_t i = 0; i < sizeof table / sizeof table[0]; i++)
         if (site->checked >> table[i].rule & 1)
             gather(writer, gathered, table[i].rule, state_is(writer, state, table[i].mask, table[i].value));
+    if (site->checked & RULE_BIT(PROCEED_LIMIT)) {
+        uint32_t limit = writer->analysis->options->proceed_limit;
+        uint32_t full = limit < UINT32_MAX / GN_RECORD_STATE_PROCEEDS ? limit * GN_RECORD_STATE_PROCEEDS : UINT32_MAX;
+        uint32_t reached =
+            COMPUTE(writer, SpvOpUGreaterThanEqual, type_bool(writer), state, constant_uint(writer, full));
+        gather(writer, gathered, GN_SPIRV_RULE_PROCEED_LIMIT, reached);
+    }
 }
 
 static uint32_t type_getter(struct writer *writer, uint32_t query, bool committed)
 {
     return COMPUTE(writer, SpvOpRayQueryGetIntersectionTypeKHR, type_uint(writer), query, constant_uint(writer, committed));
+}
+
+static uint32_t both(struct writer *writer, uint32_t opcode, uint32_t a, uint32_t b)
+{
+    return COMPUTE(writer, opcode, type_bool(writer), a, b);
+}
+
+static uint32_t masked(struct writer *writer, uint32_t value, uint32_t mask)
+{
+    return COMPUTE(writer, SpvOpBitwiseAnd, type_uint(writer), value, constant_uint(writer, mask));
+}
+
+#define EXPONENT 0x7F800000u
+
+/* Integers decide, not floating-point comparisons: these may be compiled under the assumption that there are no NaNs. */
+static uint32_t is_nan(struct writer *writer, uint32_t bits)
+{
+    uint32_t magnitude = masked(writer, bits, 0x7FFFFFFFu);
+    return both(writer, SpvOpUGreaterThan, magnitude, constant_uint(writer, EXPONENT));
 }
 
 /* t in [tmin, T committed so far]; NaN is not. Leaves t, tmin and that T as operands. */
@@ -112,6 +140,8 @@ static uint32_t out_of_range(struct writer *writer, uint32_t query, uint32_t t, 
     uint32_t below = COMPUTE(writer, SpvOpFOrdLessThanEqual, bool_, t, current);
     uint32_t inside = COMPUTE(writer, SpvOpLogicalAnd, bool_, above, below);
     operands[0] = COMPUTE(writer, SpvOpBitcast, uint_, t);
+    inside = COMPUTE(writer, SpvOpLogicalAnd, bool_, inside,
+                     COMPUTE(writer, SpvOpLogicalNot, bool_, is_nan(writer, operands[0])));
     operands[1] = COMPUTE(writer, SpvOpBitcast, uint_, tmin);
     operands[2] = COMPUTE(writer, SpvOpBitcast, uint_, current);
     return COMPUTE(writer, SpvOpLogicalNot, bool_, inside);
@@ -177,20 +207,10 @@ struct ray {
     uint32_t vector_bits[2], t_bits[2];     /* as integers without their sign (vectors), or as they are (t) */
 };
 
-static uint32_t both(struct writer *writer, uint32_t opcode, uint32_t a, uint32_t b)
-{
-    return COMPUTE(writer, opcode, type_bool(writer), a, b);
-}
-
 static uint32_t any_component(struct writer *writer, uint32_t opcode, uint32_t bits, uint32_t value)
 {
     uint32_t each = COMPUTE(writer, opcode, type_bool3(writer), bits, constant_uint3(writer, value));
     return COMPUTE(writer, SpvOpAny, type_bool(writer), each);
-}
-
-static uint32_t masked(struct writer *writer, uint32_t value, uint32_t mask)
-{
-    return COMPUTE(writer, SpvOpBitwiseAnd, type_uint(writer), value, constant_uint(writer, mask));
 }
 
 /* More than one bit is set. */
@@ -207,18 +227,15 @@ static uint32_t zero_vector(struct writer *writer, uint32_t bits)
     return COMPUTE(writer, SpvOpAll, type_bool(writer), each);
 }
 
-#define EXPONENT 0x7F800000u
-
-/* Integers decide, not floating-point comparisons: these may be compiled under the assumption that there are no NaNs. */
-static uint32_t initialize_condition(struct writer *writer, const struct ray *ray, uint32_t rule)
+/* `rule` as it is numbered for Initialize. */
+static uint32_t ray_condition(struct writer *writer, const struct ray *ray, uint32_t rule)
 {
     uint32_t bool_ = type_bool(writer), uint_ = type_uint(writer), out = 0;
     switch (rule) {
     case GN_SPIRV_RULE_INITIALIZE_NAN:
         for (int i = 0; i < 2; i++) {
             either(writer, &out, any_component(writer, SpvOpUGreaterThan, ray->vector_bits[i], EXPONENT));
-            uint32_t magnitude = masked(writer, ray->t_bits[i], 0x7FFFFFFFu);
-            either(writer, &out, both(writer, SpvOpUGreaterThan, magnitude, constant_uint(writer, EXPONENT)));
+            either(writer, &out, is_nan(writer, ray->t_bits[i]));
         }
         return out;
     case GN_SPIRV_RULE_INITIALIZE_INFINITE:
@@ -255,14 +272,14 @@ static uint32_t as_uint(struct writer *writer, uint32_t id)
     return inst && inst->type == uint_ ? id : COMPUTE(writer, SpvOpBitcast, uint_, id);
 }
 
-static void ray_read(struct writer *writer, const struct inst *inst, struct ray *ray)
+static void ray_read(struct writer *writer, const struct inst *inst, const struct ray_words *words, struct ray *ray)
 {
     const struct module *module = writer->module;
-    ray->flags = as_uint(writer, inst_word(module, inst, 3));
-    ray->mask = as_uint(writer, inst_word(module, inst, 4));
+    ray->flags = as_uint(writer, inst_word(module, inst, words->flags));
+    ray->mask = as_uint(writer, inst_word(module, inst, words->mask));
     for (uint32_t i = 0; i < 2; i++) {
-        ray->vectors[i] = inst_word(module, inst, 5 + 2 * i);
-        ray->t[i] = inst_word(module, inst, 6 + 2 * i);
+        ray->vectors[i] = inst_word(module, inst, i ? words->direction : words->origin);
+        ray->t[i] = inst_word(module, inst, i ? words->tmax : words->tmin);
         uint32_t bits = COMPUTE(writer, SpvOpBitcast, type_uint3(writer), ray->vectors[i]);
         ray->vector_bits[i] =
             COMPUTE(writer, SpvOpBitwiseAnd, type_uint3(writer), bits, constant_uint3(writer, 0x7FFFFFFFu));
@@ -274,7 +291,7 @@ static void ray_read(struct writer *writer, const struct inst *inst, struct ray 
  * The quick test: true whenever a rule among `rules` is broken, and perhaps otherwise. Integers order non-negative floats: a tmin that is no
  * greater than a tmax no greater than infinity leaves out every wrong pair (and -0, which the exact test clears).
  */
-static uint32_t initialize_suspicious(struct writer *writer, const struct ray *ray, uint64_t rules)
+static uint32_t ray_suspicious(struct writer *writer, const struct ray *ray, uint64_t rules)
 {
     uint32_t any = 0;
     const uint64_t of_t = RULE_BIT(INITIALIZE_NAN) | RULE_BIT(INITIALIZE_NEGATIVE_T) | RULE_BIT(INITIALIZE_T_ORDER);
@@ -288,7 +305,7 @@ static uint32_t initialize_suspicious(struct writer *writer, const struct ray *r
     }
     for (uint32_t rule = GN_SPIRV_RULE_INITIALIZE_ZERO_DIRECTION; rule <= GN_SPIRV_RULE_INITIALIZE_MASK_BITS; rule++)
         if (rules >> rule & 1)
-            either(writer, &any, initialize_condition(writer, ray, rule));
+            either(writer, &any, ray_condition(writer, ray, rule));
     return any;
 }
 
@@ -306,51 +323,149 @@ static void ray_operands(struct writer *writer, const struct ray *ray, uint32_t 
     }
 }
 
-void checks_write(struct writer *writer, const struct site *site)
+/* Where `gathered->any` holds, leaves records of those of the site's checks that are among `rules`. The conditions of a ray are
+ * computed only there. */
+static void leave(struct writer *writer, const struct site *site, uint64_t rules, struct gathered *gathered, const struct ray *ray,
+                  uint32_t state)
 {
-    const struct inst *inst = &writer->module->insts[site->inst];
-    uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
-    uint32_t uint_ = type_uint(writer), zero = constant_uint(writer, 0), state = 0;
-    struct gathered gathered = {.any = 0};
-    struct ray ray;
-    if (!site->checked)
-        return;
-    if (checks_need_state(site)) {
-        state = COMPUTE(writer, SpvOpLoad, uint_, shadow_pointer(writer, query, false));
-        gather_states(writer, site, state, &gathered);
-    }
-    gather_live(writer, site, state, &gathered);
-    if (site->checked & RULES_OF_INITIALIZE) {
-        ray_read(writer, inst, &ray);
-        gathered.any = initialize_suspicious(writer, &ray, site->checked);
-    }
-
+    uint32_t uint_ = type_uint(writer), zero = constant_uint(writer, 0), mask = 0, bit = 0;
+    uint32_t to_initialize = site->operation->kind == OPERATION_INITIALIZE ? 0 : RULES_OF_RAY_TO_TRACE;
     struct branch wrong;
-    branch_begin(writer, gathered.any, &wrong);
-    uint32_t mask = 0, bit = 0;
+    branch_begin(writer, gathered->any, &wrong);
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
         if (!(site->checked >> rule & 1))
             continue;
-        uint32_t condition = RULES_OF_INITIALIZE >> rule & 1 ? initialize_condition(writer, &ray, rule)
-                                                             : gathered.conditions[rule];
-        uint32_t value = COMPUTE(writer, SpvOpSelect, uint_, condition, constant_uint(writer, 1u << bit++), zero);
+        uint32_t own_bit = 1u << bit++;
+        if (!(rules >> rule & 1))
+            continue;
+        uint32_t condition = ray ? ray_condition(writer, ray, rule - to_initialize) : gathered->conditions[rule];
+        uint32_t value = COMPUTE(writer, SpvOpSelect, uint_, condition, constant_uint(writer, own_bit), zero);
         mask = mask ? COMPUTE(writer, SpvOpBitwiseOr, uint_, mask, value) : value;
     }
-    if (site->checked & RULES_OF_INITIALIZE)
-        ray_operands(writer, &ray, gathered.operands);
+    if (ray)
+        ray_operands(writer, ray, gathered->operands);
     uint32_t call[4 + GN_RECORD_OPERANDS] = {writer->record_function, constant_uint(writer, site->first_check), mask,
                                              state ? state : zero};
     for (int i = 0; i < GN_RECORD_OPERANDS; i++)
-        call[4 + i] = gathered.operands[i] ? gathered.operands[i] : zero;
+        call[4 + i] = gathered->operands[i] ? gathered->operands[i] : zero;
     compute(writer, SpvOpFunctionCall, type_void(writer), call, 4 + GN_RECORD_OPERANDS);
     branch_end(writer, &wrong);
+}
+
+static void check_ray(struct writer *writer, const struct site *site, uint64_t rules)
+{
+    const struct ray_words words = ray_words_of(site->operation);
+    struct gathered gathered = {.any = 0};
+    struct ray ray;
+    uint64_t as_initialize = site->operation->kind == OPERATION_INITIALIZE ? rules : rules >> RULES_OF_RAY_TO_TRACE;
+    ray_read(writer, &writer->module->insts[site->inst], &words, &ray);
+    gathered.any = ray_suspicious(writer, &ray, as_initialize);
+    leave(writer, site, rules, &gathered, &ray, 0);
+}
+
+/* What a trace says beyond its ray, and the other operations of pipelines. */
+
+static void gather_trace(struct writer *writer, const struct site *site, struct gathered *gathered)
+{
+    static const struct {
+        uint32_t rule, beyond;
+    } narrow[] = {{GN_SPIRV_RULE_TRACE_SBT_OFFSET_BITS, 0xF},
+                  {GN_SPIRV_RULE_TRACE_SBT_STRIDE_BITS, 0xF},
+                  {GN_SPIRV_RULE_TRACE_MISS_BITS, 0xFFFF}};
+    const struct module *module = writer->module;
+    const struct inst *inst = &module->insts[site->inst];
+    const struct ray_words words = ray_words_of(site->operation);
+    const uint32_t at[] = {words.sbt_offset, words.sbt_stride, words.miss};
+    for (int i = 0; i < 3; i++) {
+        gathered->operands[i] = as_uint(writer, inst_word(module, inst, at[i]));
+        if (site->checked >> narrow[i].rule & 1)
+            gather(writer, gathered, narrow[i].rule,
+                   both(writer, SpvOpUGreaterThan, gathered->operands[i], constant_uint(writer, narrow[i].beyond)));
+    }
+    if (site->checked & RULE_BIT(TRACE_TIME)) {
+        /* From 0 (or -0) to 1, as integers. */
+        uint32_t bits = COMPUTE(writer, SpvOpBitcast, type_uint(writer), inst_word(module, inst, words.time));
+        uint32_t wrong = both(writer, SpvOpUGreaterThan, bits, constant_uint(writer, 0x3F800000u));
+        wrong = both(writer, SpvOpLogicalAnd, wrong, both(writer, SpvOpINotEqual, bits, constant_uint(writer, 0x80000000u)));
+        gathered->operands[3] = bits;
+        gather(writer, gathered, GN_SPIRV_RULE_TRACE_TIME, wrong);
+    }
+    if (site->checked & RULE_BIT(TRACE_SKIPPED_BY_PIPELINE)) {
+        uint32_t flags = as_uint(writer, inst_word(module, inst, words.flags));
+        uint32_t bits = masked(writer, flags, writer->analysis->options->forbidden_ray_flags);
+        gather(writer, gathered, GN_SPIRV_RULE_TRACE_SKIPPED_BY_PIPELINE,
+               both(writer, SpvOpINotEqual, bits, constant_uint(writer, 0)));
+    }
+    if (site->checked & ~site->wrong & RULE_BIT(TRACE_RECURSION)) {
+        uint32_t depth = launch_depth_enter(writer), max = constant_uint(writer, writer->analysis->options->max_recursion);
+        gathered->operands[4] = depth;
+        gathered->operands[5] = max;
+        gather(writer, gathered, GN_SPIRV_RULE_TRACE_RECURSION, both(writer, SpvOpUGreaterThanEqual, depth, max));
+    }
+}
+
+static void gather_report(struct writer *writer, const struct site *site, struct gathered *gathered)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    gathered->operands[0] = COMPUTE(writer, SpvOpBitcast, type_uint(writer), inst_word(writer->module, inst, 3));
+    gathered->operands[1] = as_uint(writer, inst_word(writer->module, inst, 4));
+    if (site->checked & RULE_BIT(REPORT_HIT_KIND))
+        gather(writer, gathered, GN_SPIRV_RULE_REPORT_HIT_KIND,
+               both(writer, SpvOpUGreaterThan, gathered->operands[1], constant_uint(writer, 127)));
+    if (site->checked & RULE_BIT(REPORT_NAN))
+        gather(writer, gathered, GN_SPIRV_RULE_REPORT_NAN, is_nan(writer, gathered->operands[0]));
+}
+
+static void gather_call(struct writer *writer, const struct site *site, struct gathered *gathered)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    uint32_t count = launch_callables(writer), known = both(writer, SpvOpINotEqual, count, constant_uint(writer, 0));
+    gathered->operands[0] = as_uint(writer, inst_word(writer->module, inst, 1));
+    gathered->operands[1] = count;
+    uint32_t beyond = both(writer, SpvOpUGreaterThanEqual, gathered->operands[0], count);
+    gather(writer, gathered, GN_SPIRV_RULE_CALL_RANGE, both(writer, SpvOpLogicalAnd, known, beyond));
+}
+
+void checks_write(struct writer *writer, const struct site *site)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    const uint64_t of_ray = site->checked & (RULES_OF_INITIALIZE | RULES_OF_TRACED_RAY), others = site->checked & ~of_ray;
+    struct gathered gathered = {.any = 0};
+    uint32_t state = 0;
+    if (of_ray)
+        check_ray(writer, site, of_ray);
+    if (!others)
+        return;
+    switch (site->operation->kind) {
+    case OPERATION_TRACE:
+    case OPERATION_TRACE_MOTION: gather_trace(writer, site, &gathered); break;
+    case OPERATION_REPORT: gather_report(writer, site, &gathered); break;
+    case OPERATION_CALL: gather_call(writer, site, &gathered); break;
+    default:
+        if (checks_need_state(site)) {
+            uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
+            state = COMPUTE(writer, SpvOpLoad, type_uint(writer), shadow_pointer(writer, query, false));
+            gather_states(writer, site, state, &gathered);
+        }
+        gather_live(writer, site, state, &gathered);
+    }
+    /* What the module alone proves wrong is wrong whenever it is reached. */
+    for (uint32_t rule = GN_SPIRV_RULE_TRACE_NAN; rule < GN_SPIRV_RULE_COUNT; rule++)
+        if ((others & site->wrong) >> rule & 1 && !gathered.conditions[rule])
+            gather(writer, &gathered, rule, constant_plain(writer, SpvOpConstantTrue, type_bool(writer)));
+    leave(writer, site, others, &gathered, NULL, state);
 }
 
 void shadow_update(struct writer *writer, const struct site *site)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
-    const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
     uint32_t query = inst_word(writer->module, inst, site->operation->query_word), uint_ = type_uint(writer);
+    if (site->root == NONE) {
+        if (site->checked & ~site->wrong & RULE_BIT(TRACE_RECURSION))
+            launch_depth_leave(writer);
+        return;
+    }
+    const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
     if (site->operation->kind == OPERATION_INITIALIZE) {
         if (group->needs_state) {
             uint32_t pointer = shadow_pointer(writer, query, false), value = constant_uint(writer, INITIALIZED);
@@ -366,9 +481,13 @@ void shadow_update(struct writer *writer, const struct site *site)
         uint32_t pointer = shadow_pointer(writer, query, false), started = doubtful ? 0 : INITIALIZED;
         uint32_t yes = constant_uint(writer, started | CANDIDATE), no = constant_uint(writer, started | FINISHED);
         uint32_t state = COMPUTE(writer, SpvOpSelect, uint_, inst->result, yes, no);
-        if (doubtful) {
+        bool counted = writer->analysis->options->proceed_limit != 0;
+        if (doubtful || counted) {
+            const uint32_t proceeds = ~(GN_RECORD_STATE_PROCEEDS - 1);
             uint32_t before = COMPUTE(writer, SpvOpLoad, uint_, pointer);
-            uint32_t kept = masked(writer, before, INITIALIZED);
+            if (counted)
+                before = COMPUTE(writer, SpvOpIAdd, uint_, before, constant_uint(writer, GN_RECORD_STATE_PROCEEDS));
+            uint32_t kept = masked(writer, before, (doubtful ? INITIALIZED : 0) | (counted ? proceeds : 0));
             state = COMPUTE(writer, SpvOpBitwiseOr, uint_, state, kept);
         }
         EMIT(&writer->out, SpvOpStore, pointer, state);

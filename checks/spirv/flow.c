@@ -134,15 +134,17 @@ static uint32_t states_after(enum operation_kind kind, const struct cell *cell)
 static void operate(struct flow *flow, const struct frame *frame, struct site *site)
 {
     const struct inst *inst = &flow->module->insts[site->inst];
+    if (flow->recording)
+        site->reachable = true;
+    if (site->object == NONE)
+        return;
     uint32_t slot = flow->slot_of_object[site->object];
     if (!slot || slot > frame->object_count)
         return;
     struct cell *cell = &flow->cells[slot - 1];
     bool strong = flow->analysis->objects[site->object].strong;
-    if (flow->recording) {
+    if (flow->recording)
         site->states |= cell->states;
-        site->reachable = true;
-    }
     if (flow->analysis->roots[flow->analysis->objects[site->object].root].aliased)
         return;
     uint32_t after = states_after(site->operation->kind, cell);

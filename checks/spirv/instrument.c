@@ -51,6 +51,8 @@ static void shadows_plan(struct writer *writer)
     struct analysis *analysis = writer->analysis;
     for (uint32_t s = 0; s < analysis->site_count; s++) {
         const struct site *site = &analysis->sites[s];
+        if (site->root == NONE)
+            continue;
         struct root *group = &analysis->roots[analysis->roots[site->root].group];
         group->needs_state |= site->checked && checks_need_state(site);
         group->needs_tmax |= (site->checked & RULE_BIT(GENERATE_RANGE)) != 0;

@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Parses SPIR-V into the model of module.h. SPIRV-Tools knows the grammar (which words are ids, which instructions exist);
  * what the model relies on beyond it, the nesting of functions and blocks and ids within bounds, is checked here. */
-#include "checks/spirv/module.h"
+#include "checks/spirv/analysis.h"
 
 #include <stdarg.h>
 #include <stdio.h>
@@ -404,7 +404,11 @@ enum gn_spirv_status module_parse(struct module *module, struct arena *arena, co
         goto done;
     spv_result_t result = spvBinaryParse(context, &gathering, words, word_count, on_header, on_instruction, &diagnostic);
     if (result != SPV_SUCCESS) {
-        status = result == SPV_ERROR_OUT_OF_MEMORY ? GN_SPIRV_OUT_OF_MEMORY : GN_SPIRV_INVALID;
+        /* An extension newer than SPIRV-Tools is no mistake of the module. */
+        uint32_t opcode = gathering.offset < module->word_count ? words[gathering.offset] & 0xFFFF : SpvOpNop;
+        status = result == SPV_ERROR_OUT_OF_MEMORY                      ? GN_SPIRV_OUT_OF_MEMORY
+                 : strcmp(spvOpcodeString(opcode), "unknown") == 0 || opcode == SpvOpCapability ? GN_SPIRV_DECLINED
+                                                                        : GN_SPIRV_INVALID;
         say(module, "%s (at word %zu)", diagnostic && diagnostic->error ? diagnostic->error : "not SPIR-V",
             diagnostic ? diagnostic->position.index : 0);
         goto done;
@@ -495,15 +499,18 @@ done:
 
 bool gn_spirv_has_queries(const uint32_t *words, size_t word_count)
 {
+    bool pipeline = false;
     if (!words || word_count < 5 || words[0] != SpvMagicNumber)
         return false;
     for (size_t at = 5; at < word_count;) {
         uint32_t length = words[at] >> 16, opcode = words[at] & 0xFFFF;
         if (length == 0 || length > word_count - at)
             return false;
-        if (opcode == SpvOpTypeRayQueryKHR)
+        if (opcode == SpvOpTypeRayQueryKHR || (pipeline && operation_of(opcode)))
             return true;
-        if (opcode == SpvOpFunction)
+        pipeline |= opcode == SpvOpCapability && length > 1 &&
+                    (words[at + 1] == SpvCapabilityRayTracingKHR || words[at + 1] == SpvCapabilityRayTracingNV);
+        if (opcode == SpvOpFunction && !pipeline)
             return false;
         at += length;
     }

@@ -6,14 +6,17 @@
 #include "checks/spirv/analysis.h"
 
 static const struct operation operations[] = {
-#define GN_SPIRV_OPERATION(opcode_, name_, word_, kind_, needs_)                                                       \
-    {opcode_, #name_, word_, OPERATION_##kind_, NEEDS_##needs_},
+#define GN_SPIRV_OPERATION(opcode_, name_, query_, ray_, kind_, needs_)                                                \
+    {opcode_, #name_, query_, ray_, OPERATION_##kind_, NEEDS_##needs_},
 #include "checks/spirv/operations.def"
 #undef GN_SPIRV_OPERATION
 };
 
 const struct operation *operation_of(uint32_t opcode)
 {
+    /* Asked of every instruction: most are of none of the extensions. */
+    if (opcode < SpvOpTraceRayKHR || opcode > SpvOpRayQueryGetIntersectionWorldToObjectKHR)
+        return NULL;
     for (size_t i = 0; i < sizeof operations / sizeof operations[0]; i++)
         if (operations[i].opcode == opcode)
             return &operations[i];
@@ -236,7 +239,8 @@ static bool uses_are_known(struct analysis *analysis)
             if (constant_element(module, root->pointee, indices, count) == NONE)
                 root->elements = 0;
         }
-        if (operation && pointer_root(analysis, inst_word(module, inst, operation->query_word), NULL, NULL) == NONE) {
+        if (operation && operation->query_word &&
+            pointer_root(analysis, inst_word(module, inst, operation->query_word), NULL, NULL) == NONE) {
             say(module, "the ray query of %s at word %u is not a variable or parameter that can be followed", operation->name,
                 inst->offset);
             return false;
@@ -265,7 +269,8 @@ static enum gn_spirv_status follow_calls(struct analysis *analysis)
         return GN_SPIRV_DECLINED;
     }
     analysis->names = arena_alloc(module->arena, (size_t)functions * analysis->root_count + 1, sizeof *analysis->names);
-    if (!height || !analysis->touches || !analysis->names)
+    analysis->stages = arena_alloc(module->arena, functions + 1u, sizeof *analysis->stages);
+    if (!analysis->stages || !height || !analysis->touches || !analysis->names)
         return GN_SPIRV_OUT_OF_MEMORY;
     for (uint32_t i = 0; i < analysis->site_count; i++)
         name(analysis, module->blocks[analysis->sites[i].block].function, analysis->sites[i].root);
@@ -274,6 +279,12 @@ static enum gn_spirv_status follow_calls(struct analysis *analysis)
     for (uint32_t i = 0; i < analysis->root_count; i++)
         if (analysis->roots[i].parameter != NONE)
             analysis->touches[analysis->roots[i].function] = true;
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        uint32_t entry = inst->opcode == SpvOpEntryPoint ? module->function_of[inst_word(module, inst, 2)] : NONE;
+        if (entry != NONE)
+            analysis->stages[entry] |= inst_word(module, inst, 1) == SpvExecutionModelRayGenerationKHR ? STAGE_RAYGEN : STAGE_NESTED;
+    }
     bool changed = true;
     while (changed) {
         changed = false;
@@ -304,6 +315,10 @@ static enum gn_spirv_status follow_calls(struct analysis *analysis)
                 }
                 if (analysis->touches[callee] && !analysis->touches[block->function])
                     analysis->touches[block->function] = changed = true;
+                if (analysis->stages[block->function] & ~analysis->stages[callee]) {
+                    analysis->stages[callee] |= analysis->stages[block->function];
+                    changed = true;
+                }
                 for (uint32_t a = 4; a < inst->count; a++)
                     name(analysis, block->function, pointer_root(analysis, inst_word(module, inst, a), NULL, NULL));
                 for (uint32_t r = 0; r < analysis->root_count; r++)
@@ -313,6 +328,10 @@ static enum gn_spirv_status follow_calls(struct analysis *analysis)
             }
         }
     }
+
+    for (uint32_t f = 0; f < functions; f++)
+        if (analysis->stages[f] == 0)
+            analysis->stages[f] = STAGE_RAYGEN | STAGE_NESTED;
 
     for (uint32_t b = 0; b < module->block_count; b++) {
         const struct block *block = &module->blocks[b];
@@ -393,8 +412,9 @@ static enum gn_spirv_status find_sites(struct analysis *analysis)
             if (!operation)
                 continue;
             struct site *site = &analysis->sites[analysis->site_count];
-            *site = (struct site){.inst = i, .block = b, .operation = operation};
-            site->root = pointer_root(analysis, inst_word(module, inst, operation->query_word), NULL, NULL);
+            *site = (struct site){.inst = i, .block = b, .operation = operation, .root = NONE, .object = NONE};
+            if (operation->query_word)
+                site->root = pointer_root(analysis, inst_word(module, inst, operation->query_word), NULL, NULL);
             if (operation->kind == OPERATION_GET || operation->kind == OPERATION_GET_TYPE) {
                 uint32_t which;
                 if (!constant_u32(module, inst_word(module, inst, 4), &which) || which > 1) {
@@ -437,6 +457,8 @@ enum gn_spirv_status objects_find(struct analysis *analysis)
     }
     for (uint32_t i = 0; i < analysis->site_count; i++) {
         const struct inst *inst = &module->insts[analysis->sites[i].inst];
+        if (analysis->sites[i].root == NONE)
+            continue;
         analysis->sites[i].object = pointer_object(analysis, inst_word(module, inst, analysis->sites[i].operation->query_word));
         if (analysis->sites[i].object == NONE) {
             say(module, "the ray query of %s at word %u cannot be told", analysis->sites[i].operation->name, inst->offset);

@@ -73,24 +73,44 @@ static void settle(struct operand_verdict *verdict, uint64_t rule, bool broken, 
         verdict->right |= rule;
 }
 
-static struct operand_verdict judge_initialize(const struct module *module, const struct inst *inst)
+struct ray_words ray_words_of(const struct operation *operation)
+{
+    uint32_t w = operation->ray_word;
+    if (operation->kind == OPERATION_INITIALIZE)
+        return (struct ray_words){.flags = w, .mask = w + 1, .origin = w + 2, .tmin = w + 3, .direction = w + 4, .tmax = w + 5};
+    bool motion = operation->kind == OPERATION_TRACE_MOTION;
+    return (struct ray_words){.flags = w,
+                              .mask = w + 1,
+                              .sbt_offset = w + 2,
+                              .sbt_stride = w + 3,
+                              .miss = w + 4,
+                              .origin = w + 5,
+                              .tmin = w + 6,
+                              .direction = w + 7,
+                              .tmax = w + 8,
+                              .time = motion ? w + 9 : 0,
+                              .payload = w + (motion ? 10 : 9)};
+}
+
+/* The rules of a ray, in the numbers of Initialize. */
+static struct operand_verdict judge_ray(const struct module *module, const struct inst *inst, const struct ray_words *ray)
 {
     struct operand_verdict verdict = {0, 0};
     uint32_t flags, mask;
-    if (operands_flags(module, inst, &flags)) {
+    if (constant_u32(module, inst_word(module, inst, ray->flags), &flags)) {
         settle(&verdict, RULE_BIT(INITIALIZE_SKIP_BOTH), (flags & 0x300) == 0x300, true);
         settle(&verdict, RULE_BIT(INITIALIZE_CULL_PAIR), several(flags & 0x130), true);
         settle(&verdict, RULE_BIT(INITIALIZE_OPACITY_PAIR), several(flags & 0xC3), true);
         settle(&verdict, RULE_BIT(INITIALIZE_UNKNOWN_FLAGS), flags & ~known_flags(module), true);
     }
-    if (constant_u32(module, inst_word(module, inst, 4), &mask))
+    if (constant_u32(module, inst_word(module, inst, ray->mask), &mask))
         settle(&verdict, RULE_BIT(INITIALIZE_MASK_BITS), (mask & ~0xFFu) && mask != UINT32_MAX, true);
 
     bool has_nan = false, has_infinity = false, all_known = true, direction_known = true, direction_zero = true,
          direction_nonzero = false;
     for (uint32_t i = 0; i < 6; i++) {
         float value;
-        if (component(module, inst_word(module, inst, i < 3 ? 5 : 7), i % 3, &value)) {
+        if (component(module, inst_word(module, inst, i < 3 ? ray->origin : ray->direction), i % 3, &value)) {
             has_nan |= isnan(value);
             has_infinity |= isinf(value);
             direction_zero &= i < 3 || value == 0;
@@ -101,8 +121,8 @@ static struct operand_verdict judge_initialize(const struct module *module, cons
         }
     }
     float tmin = 0, tmax = 0;
-    bool tmin_known = component(module, inst_word(module, inst, 6), 0, &tmin);
-    bool tmax_known = component(module, inst_word(module, inst, 8), 0, &tmax);
+    bool tmin_known = component(module, inst_word(module, inst, ray->tmin), 0, &tmin);
+    bool tmax_known = component(module, inst_word(module, inst, ray->tmax), 0, &tmax);
     has_nan |= (tmin_known && isnan(tmin)) || (tmax_known && isnan(tmax));
     settle(&verdict, RULE_BIT(INITIALIZE_NAN), has_nan, all_known && tmin_known && tmax_known);
     settle(&verdict, RULE_BIT(INITIALIZE_INFINITE), has_infinity, all_known);
@@ -114,14 +134,128 @@ static struct operand_verdict judge_initialize(const struct module *module, cons
     return verdict;
 }
 
+/* Bytes of a type as they count for payloads and attributes: each part at the alignment of its scalars. False where that is
+ * not told (booleans, or arrays of unknown length). */
+static bool bytes_of(const struct module *module, uint32_t type, uint32_t depth, uint64_t *out_size, uint64_t *out_alignment)
+{
+    const struct inst *inst = definition_of(module, type);
+    uint64_t size = 0, alignment = 1;
+    uint32_t length;
+    if (!inst || depth > MAX_DEPTH)
+        return false;
+    switch (inst->opcode) {
+    case SpvOpTypeInt:
+    case SpvOpTypeFloat: *out_size = *out_alignment = inst_word(module, inst, 2) / 8; return *out_size != 0;
+    case SpvOpTypePointer:
+        *out_size = *out_alignment = 8;
+        return inst_word(module, inst, 2) == SpvStorageClassPhysicalStorageBuffer;
+    case SpvOpTypeVector:
+    case SpvOpTypeMatrix:
+    case SpvOpTypeArray:
+        length = inst_word(module, inst, 3);
+        if (inst->opcode == SpvOpTypeArray && !constant_u32(module, length, &length))
+            return false;
+        if (!bytes_of(module, inst_word(module, inst, 2), depth + 1, out_size, out_alignment))
+            return false;
+        *out_size *= length;
+        return *out_size <= UINT32_MAX;
+    case SpvOpTypeStruct:
+        *out_size = 0;
+        *out_alignment = 1;
+        for (uint32_t w = 2; w < inst->count; w++) {
+            if (!bytes_of(module, inst_word(module, inst, w), depth + 1, &size, &alignment))
+                return false;
+            *out_size = (*out_size + alignment - 1) / alignment * alignment + size;
+            *out_alignment = alignment > *out_alignment ? alignment : *out_alignment;
+            if (*out_size > UINT32_MAX)
+                return false;
+        }
+        *out_size = (*out_size + *out_alignment - 1) / *out_alignment * *out_alignment;
+        return true;
+    default: return false;
+    }
+}
+
+static bool bytes_of_variable(const struct module *module, uint32_t id, uint64_t *out)
+{
+    const struct inst *variable = definition_of(module, id);
+    const struct inst *pointer = variable ? definition_of(module, variable->type) : NULL;
+    uint64_t alignment;
+    return pointer && variable->opcode == SpvOpVariable && pointer->opcode == SpvOpTypePointer &&
+           bytes_of(module, inst_word(module, pointer, 3), 0, out, &alignment);
+}
+
+static void judge_narrow(const struct module *module, uint32_t id, uint32_t bits, uint64_t rule, struct operand_verdict *verdict)
+{
+    uint32_t value;
+    if (constant_u32(module, id, &value))
+        settle(verdict, rule, value >> bits != 0, true);
+}
+
+static struct operand_verdict judge_trace(const struct analysis *analysis, const struct inst *inst,
+                                          const struct operation *operation)
+{
+    const struct module *module = analysis->module;
+    const struct gn_spirv_options *options = analysis->options;
+    const struct ray_words words = ray_words_of(operation);
+    struct operand_verdict verdict = judge_ray(module, inst, &words);
+    uint32_t flags;
+    uint64_t bytes;
+    float time;
+    verdict.wrong <<= RULES_OF_RAY_TO_TRACE;
+    verdict.right <<= RULES_OF_RAY_TO_TRACE;
+    judge_narrow(module, inst_word(module, inst, words.sbt_offset), 4, RULE_BIT(TRACE_SBT_OFFSET_BITS), &verdict);
+    judge_narrow(module, inst_word(module, inst, words.sbt_stride), 4, RULE_BIT(TRACE_SBT_STRIDE_BITS), &verdict);
+    judge_narrow(module, inst_word(module, inst, words.miss), 16, RULE_BIT(TRACE_MISS_BITS), &verdict);
+    bool time_known = words.time && component(module, inst_word(module, inst, words.time), 0, &time);
+    settle(&verdict, RULE_BIT(TRACE_TIME), time_known && !(time >= 0 && time <= 1), time_known || !words.time);
+    bool flags_known = constant_u32(module, inst_word(module, inst, words.flags), &flags);
+    settle(&verdict, RULE_BIT(TRACE_SKIPPED_BY_PIPELINE), flags_known && (flags & options->forbidden_ray_flags),
+           flags_known || !options->forbidden_ray_flags);
+    bool bytes_known = options->max_payload && bytes_of_variable(module, inst_word(module, inst, words.payload), &bytes);
+    settle(&verdict, RULE_BIT(TRACE_PAYLOAD_SIZE), bytes_known && bytes > options->max_payload, true);
+    return verdict;
+}
+
+static struct operand_verdict judge_report(const struct analysis *analysis, const struct inst *inst)
+{
+    const struct module *module = analysis->module;
+    struct operand_verdict verdict = {0, 0};
+    uint32_t kind;
+    float t;
+    if (constant_u32(module, inst_word(module, inst, 4), &kind))
+        settle(&verdict, RULE_BIT(REPORT_HIT_KIND), kind > 127, true);
+    if (component(module, inst_word(module, inst, 3), 0, &t))
+        settle(&verdict, RULE_BIT(REPORT_NAN), isnan(t), true);
+    bool too_large = false;
+    for (uint32_t i = 0; analysis->options->max_attribute && i < module->globals_end; i++) {
+        const struct inst *variable = &module->insts[i];
+        uint64_t bytes;
+        too_large |= variable->opcode == SpvOpVariable && inst_word(module, variable, 3) == SpvStorageClassHitAttributeKHR &&
+                     bytes_of_variable(module, variable->result, &bytes) && bytes > analysis->options->max_attribute;
+    }
+    settle(&verdict, RULE_BIT(REPORT_ATTRIBUTE_SIZE), too_large, true);
+    return verdict;
+}
+
 struct operand_verdict operands_judge(const struct analysis *analysis, const struct inst *inst)
 {
     const struct module *module = analysis->module;
-    if (inst->opcode == SpvOpRayQueryInitializeKHR)
-        return judge_initialize(module, inst);
+    const struct operation *operation = operation_of(inst->opcode);
     struct operand_verdict verdict = {0, 0};
     float t;
-    if (inst->opcode == SpvOpRayQueryGenerateIntersectionKHR && component(module, inst_word(module, inst, 2), 0, &t))
-        settle(&verdict, RULE_BIT(GENERATE_RANGE), isnan(t) || t < 0, false);
-    return verdict;
+    switch (operation->kind) {
+    case OPERATION_INITIALIZE: {
+        const struct ray_words words = ray_words_of(operation);
+        return judge_ray(module, inst, &words);
+    }
+    case OPERATION_TRACE:
+    case OPERATION_TRACE_MOTION: return judge_trace(analysis, inst, operation);
+    case OPERATION_REPORT: return judge_report(analysis, inst);
+    case OPERATION_GENERATE:
+        if (component(module, inst_word(module, inst, 2), 0, &t))
+            settle(&verdict, RULE_BIT(GENERATE_RANGE), isnan(t) || t < 0, false);
+        return verdict;
+    default: return verdict;
+    }
 }

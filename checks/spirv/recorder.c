@@ -26,49 +26,66 @@ static uint32_t builtin_make(struct writer *writer, uint32_t builtin, uint32_t t
     uint32_t found = find_builtin(writer->module, builtin);
     if (found)
         return found;
+    const struct words *made = &writer->decorations;
+    for (size_t at = 0; at < made->count; at += made->data[at] >> 16)
+        if (made->data[at] == (4u << 16 | SpvOpDecorate) && made->data[at + 2] == SpvDecorationBuiltIn &&
+            made->data[at + 3] == builtin)
+            return made->data[at + 1];
     uint32_t pointer = type_pointer(writer, SpvStorageClassInput, type), id = new_id(writer);
     EMIT(&writer->globals, SpvOpVariable, pointer, id, SpvStorageClassInput);
     EMIT(&writer->decorations, SpvOpDecorate, id, SpvDecorationBuiltIn, builtin);
     return id;
 }
 
-static void invocation_prepare(struct writer *writer)
+/* The built-ins that tell the invocations of a shader stage apart. */
+enum invocation_kind { INVOCATION_NONE, INVOCATION_COMPUTE, INVOCATION_FRAGMENT, INVOCATION_VERTEX, INVOCATION_LAUNCH };
+
+static enum invocation_kind invocation_of(uint32_t model)
 {
-    const struct module *module = writer->module;
-    bool several = false;
-    writer->invocation_kind = NONE;
-    for (uint32_t i = 0; i < module->globals_end; i++) {
-        const struct inst *inst = &module->insts[i];
-        if (inst->opcode != SpvOpEntryPoint)
-            continue;
-        several |= writer->invocation_kind != NONE && writer->invocation_kind != inst_word(module, inst, 1);
-        writer->invocation_kind = inst_word(module, inst, 1);
-    }
-    /* The record function is one for all entry points, so it can read a built-in only if all have it. */
-    switch (several ? NONE : writer->invocation_kind) {
+    switch (model) {
     case SpvExecutionModelGLCompute:
     case SpvExecutionModelTaskEXT:
     case SpvExecutionModelMeshEXT:
     case SpvExecutionModelTaskNV:
-    case SpvExecutionModelMeshNV:
-        writer->invocation[0] = builtin_make(writer, SpvBuiltInGlobalInvocationId, type_uint3(writer));
-        break;
-    case SpvExecutionModelFragment:
-        writer->invocation[0] =
-            builtin_make(writer, SpvBuiltInFragCoord, TYPE(writer, SpvOpTypeVector, type_float(writer), 4));
-        break;
-    case SpvExecutionModelVertex:
-        writer->invocation[0] = builtin_make(writer, SpvBuiltInVertexIndex, type_uint(writer));
-        writer->invocation[1] = builtin_make(writer, SpvBuiltInInstanceIndex, type_uint(writer));
-        break;
+    case SpvExecutionModelMeshNV: return INVOCATION_COMPUTE;
+    case SpvExecutionModelFragment: return INVOCATION_FRAGMENT;
+    case SpvExecutionModelVertex: return INVOCATION_VERTEX;
     case SpvExecutionModelRayGenerationKHR:
     case SpvExecutionModelIntersectionKHR:
     case SpvExecutionModelAnyHitKHR:
     case SpvExecutionModelClosestHitKHR:
     case SpvExecutionModelMissKHR:
-    case SpvExecutionModelCallableKHR:
-        writer->invocation[0] = builtin_make(writer, SpvBuiltInLaunchIdKHR, type_uint3(writer));
+    case SpvExecutionModelCallableKHR: return INVOCATION_LAUNCH;
+    default: return INVOCATION_NONE;
+    }
+}
+
+static void invocation_prepare(struct writer *writer)
+{
+    const struct module *module = writer->module;
+    bool first = true;
+    /* The record function is one for all entry points, so it can read a built-in only if all have it. */
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode != SpvOpEntryPoint)
+            continue;
+        enum invocation_kind kind = invocation_of(inst_word(module, inst, 1));
+        writer->invocation_kind = first || writer->invocation_kind == kind ? kind : INVOCATION_NONE;
+        first = false;
+    }
+    switch (writer->invocation_kind) {
+    case INVOCATION_COMPUTE:
+        writer->invocation[0] = builtin_make(writer, SpvBuiltInGlobalInvocationId, type_uint3(writer));
         break;
+    case INVOCATION_FRAGMENT:
+        writer->invocation[0] =
+            builtin_make(writer, SpvBuiltInFragCoord, TYPE(writer, SpvOpTypeVector, type_float(writer), 4));
+        break;
+    case INVOCATION_VERTEX:
+        writer->invocation[0] = builtin_make(writer, SpvBuiltInVertexIndex, type_uint(writer));
+        writer->invocation[1] = builtin_make(writer, SpvBuiltInInstanceIndex, type_uint(writer));
+        break;
+    case INVOCATION_LAUNCH: writer->invocation[0] = builtin_make(writer, SpvBuiltInLaunchIdKHR, type_uint3(writer)); break;
     default: break;
     }
     for (int i = 0; i < 2; i++)
@@ -187,12 +204,12 @@ static void invocation_load(struct writer *writer, uint32_t out[3])
         const struct inst *variable = definition_of(writer->module, writer->invocation[i]);
         const struct inst *pointer = variable ? definition_of(writer->module, variable->type) : NULL;
         uint32_t type = pointer ? inst_word(writer->module, pointer, 3) : 0;
-        if (writer->invocation_kind == SpvExecutionModelVertex) {
+        if (writer->invocation_kind == INVOCATION_VERTEX) {
             uint32_t value = COMPUTE(writer, SpvOpLoad, type ? type : uint_, writer->invocation[i]);
             out[i] = type && type != uint_ ? COMPUTE(writer, SpvOpBitcast, uint_, value) : value;
             continue;
         }
-        bool fragment = writer->invocation_kind == SpvExecutionModelFragment;
+        bool fragment = writer->invocation_kind == INVOCATION_FRAGMENT;
         uint32_t scalar = fragment ? type_float(writer) : uint_;
         if (!type)
             type = fragment ? TYPE(writer, SpvOpTypeVector, scalar, 4) : type_uint3(writer);
@@ -229,6 +246,61 @@ static uint32_t pointer_make(struct writer *writer, uint32_t low, uint32_t high)
 {
     uint32_t address = COMPUTE(writer, SpvOpCompositeConstruct, TYPE(writer, SpvOpTypeVector, type_uint(writer), 2), low, high);
     return COMPUTE(writer, SpvOpBitcast, writer->buffer_pointer, address);
+}
+
+/* The buffer whose header speaks of the launch, for code outside of the function that records. */
+static void launch_begin(struct writer *writer)
+{
+    uint64_t root = writer->analysis->options->root;
+    if (!root)
+        return;
+    uint32_t low = constant_uint(writer, (uint32_t)root), high = constant_uint(writer, (uint32_t)(root >> 32));
+    writer->buffer = pointer_make(writer, low, high);
+}
+
+uint32_t launch_callables(struct writer *writer)
+{
+    launch_begin(writer);
+    return word_load(writer, constant_uint(writer, GN_LAUNCH_CALLABLES));
+}
+
+static uint32_t launch_builtin(struct writer *writer, uint32_t builtin)
+{
+    uint32_t variable = builtin_make(writer, builtin, type_uint3(writer));
+    bool listed = false;
+    for (size_t i = 0; i < writer->interface.count; i++)
+        listed |= writer->interface.data[i] == variable;
+    if (!listed)
+        words_add(&writer->interface, &variable, 1);
+    return COMPUTE(writer, SpvOpLoad, type_uint3(writer), variable);
+}
+
+uint32_t launch_depth_enter(struct writer *writer)
+{
+    uint32_t uint_ = type_uint(writer), id = launch_builtin(writer, SpvBuiltInLaunchIdKHR);
+    uint32_t size = launch_builtin(writer, SpvBuiltInLaunchSizeKHR), index = COMPUTE(writer, SpvOpCompositeExtract, uint_, id, 2);
+    for (uint32_t axis = 2; axis-- > 0;) {
+        uint32_t extent = COMPUTE(writer, SpvOpCompositeExtract, uint_, size, axis);
+        uint32_t at = COMPUTE(writer, SpvOpCompositeExtract, uint_, id, axis);
+        index = COMPUTE(writer, SpvOpIMul, uint_, index, extent);
+        index = COMPUTE(writer, SpvOpIAdd, uint_, index, at);
+    }
+    launch_begin(writer);
+    uint32_t first = word_load(writer, constant_uint(writer, GN_LAUNCH_DEPTHS));
+    uint32_t count = word_load(writer, constant_uint(writer, GN_LAUNCH_DEPTH_COUNT));
+    uint32_t counted = COMPUTE(writer, SpvOpULessThan, type_bool(writer), index, count);
+    uint32_t scratch = constant_uint(writer, GN_LAUNCH_SCRATCH), zero = constant_uint(writer, 0);
+    index = COMPUTE(writer, SpvOpIAdd, uint_, index, first);
+    writer->depth_word = COMPUTE(writer, SpvOpSelect, uint_, counted, index, scratch);
+    uint32_t one = constant_uint(writer, 1), depth = atomic_add(writer, writer->depth_word, one);
+    depth = COMPUTE(writer, SpvOpIAdd, uint_, depth, one);
+    return COMPUTE(writer, SpvOpSelect, uint_, counted, depth, zero);
+}
+
+void launch_depth_leave(struct writer *writer)
+{
+    launch_begin(writer);
+    atomic_add(writer, writer->depth_word, constant_uint(writer, UINT32_MAX));
 }
 
 /* Looks the module's buffer up in the table; the one without room when it is not there. */

@@ -3,7 +3,8 @@
  * the host.
  *
  *   header   GN_RECORDS_HEADER words: the number of checks that there is room for (written by the host before use;
- *            the device writes nothing beyond it), then reports that found no room, then zeros
+ *            the device writes nothing beyond it), then reports that found no room, then what the host says of the
+ *            launch (enum gn_launch_word), then zeros
  *   checks   per check GN_RECORDS_CHECK words: how often it fired (low word, high word), then the first
  *            GN_RECORDS_KEPT records of it
  *   record   GN_RECORD_WORDS words, see enum gn_record_word; all zero until written
@@ -26,7 +27,7 @@
 extern "C" {
 #endif
 
-#define GN_RECORDS_HEADER 4
+#define GN_RECORDS_HEADER 8
 #define GN_RECORDS_KEPT 2
 #define GN_RECORD_OPERANDS 10
 #define GN_RECORD_WORDS 16
@@ -36,23 +37,38 @@ enum gn_record_word {
     GN_RECORD_STATE,        /* GN_RECORD_STATE_* */
     GN_RECORD_INVOCATION,   /* three words: global invocation, launch id, bits of the fragment's coordinates, or vertex and
                                instance index; zeros where the stage has none */
-    GN_RECORD_OPERAND = 4,  /* Initialize: flags, mask, origin, tmin, direction, tmax. Generate: t, tmin, current t */
+    GN_RECORD_OPERAND = 4,  /* Initialize and rules of a traced ray: flags, mask, origin, tmin, direction, tmax.
+                               Generate: t, tmin, current t. Other rules of a trace: SBT offset, SBT stride, miss index,
+                               time, depth, greatest depth. Report: t, hit kind. Call: index, number of callables */
     GN_RECORD_CHECKSUM = 14,/* of the words before it, see gn_record_checksum() */
     GN_RECORD_WRITTEN = 15, /* 1, written last */
+};
+
+/* What the host may say of a launch of a ray-tracing pipeline, in the header of the buffer that the modules know (of the table,
+ * where there is one). Zeros where it says nothing: then nothing is concluded.
+ * Depths have a word per launch index, x + width * (y + height * z), which is zero before the launch; two launches that
+ * may run at once must not share them. */
+enum gn_launch_word {
+    GN_LAUNCH_CALLABLES = 2, /* records of the callable shader binding table */
+    GN_LAUNCH_DEPTHS,        /* word of this buffer at which the depths start */
+    GN_LAUNCH_DEPTH_COUNT,   /* launch indices that have a depth */
+    GN_LAUNCH_SCRATCH,       /* written by the device, means nothing */
 };
 
 enum gn_root_word {
     GN_ROOT_CAPACITY, /* entries, a power of two; written by the host before use */
     GN_ROOT_FIRED,    /* how often anything was reported, modulo 2^32 */
-    GN_ROOT_EMPTY = 4,/* the header of a buffer without room, for modules without an entry; its second word counts them */
+    GN_ROOT_EMPTY = 8,/* the header of a buffer without room, for modules without an entry; its second word counts them */
 };
-#define GN_ROOT_HEADER 8
+#define GN_ROOT_HEADER 16
 #define GN_ROOT_ENTRY 4
 
 /* What the shadow state of a query says before the operation. 0 where the check needs no state. */
 #define GN_RECORD_STATE_INITIALIZED 1u
 #define GN_RECORD_STATE_CANDIDATE 2u
 #define GN_RECORD_STATE_FINISHED 4u
+/* Times the number of Proceeds since the initialization, where a limit is set. */
+#define GN_RECORD_STATE_PROCEEDS 8u
 
 /* One check as the buffer has it. A record that is not intact was still being written, or its memory was lost. */
 struct gn_records_check {

@@ -40,14 +40,14 @@ static bool describe_sites(struct analysis *analysis, struct gn_spirv_result *ou
     for (uint32_t s = 0; s < analysis->site_count; s++) {
         const struct site *site = &analysis->sites[s];
         struct gn_spirv_site *to = &out->sites[s];
-        uint32_t id = analysis->roots[site->root].id;
+        uint32_t id = site->root == NONE ? 0 : analysis->roots[site->root].id;
         *to = (struct gn_spirv_site){.operation = site->operation->name,
                                      .query_id = id,
                                      .judged = site->judged,
                                      .checked = site->checked,
                                      .wrong = site->wrong,
                                      .first_check = site->first_check};
-        const char *name = name_of(module, id);
+        const char *name = id ? name_of(module, id) : NULL;
         if (name && !(to->query = arena_text(module->arena, name, strlen(name))))
             return false;
         if (!place_find(module, site->inst, &module->blocks[site->block], &to->place))
@@ -64,14 +64,14 @@ static bool describe_sites(struct analysis *analysis, struct gn_spirv_result *ou
             if (!(site->wrong >> rule & 1))
                 continue;
             struct gn_spirv_finding *finding = &out->findings[out->finding_count];
-            char query[96];
+            char query[96] = "";
             if (site->query && *site->query)
-                snprintf(query, sizeof query, "%s", site->query);
-            else
-                snprintf(query, sizeof query, "%%%u", site->query_id);
+                snprintf(query, sizeof query, " on %s", site->query);
+            else if (site->query_id)
+                snprintf(query, sizeof query, " on %%%u", site->query_id);
             *finding = (struct gn_spirv_finding){
                 .rule = rule, .severity = gn_spirv_rule_at(rule)->severity[analysis->options->profile], .site = s};
-            finding->message = text_format(module->arena, "%s on %s, whenever it is reached: %s", site->operation, query,
+            finding->message = text_format(module->arena, "%s%s, whenever it is reached: %s", site->operation, query,
                                            gn_spirv_rule_at(rule)->title);
             if (!finding->message)
                 return false;
@@ -109,11 +109,11 @@ void gn_spirv_instrument(const uint32_t *words, size_t word_count, const struct 
     out->status = module_parse(&module, &arena, words, word_count, out->message, sizeof out->message);
     if (out->status != GN_SPIRV_UNTOUCHED)
         goto done;
-    bool queries = false;
-    for (uint32_t i = 0; i < module.inst_count && !queries; i++)
-        queries = module.insts[i].opcode == SpvOpTypeRayQueryKHR;
-    if (!queries) {
-        say(&module, "the module has no ray queries");
+    bool concerned = false;
+    for (uint32_t i = 0; i < module.inst_count && !concerned; i++)
+        concerned = operation_of(module.insts[i].opcode) != NULL;
+    if (!concerned) {
+        say(&module, "the module has no operation on ray queries and no trace");
         goto done;
     }
     if (!analysis.options->without_validation && (out->status = module_validate(&module)) != GN_SPIRV_UNTOUCHED)

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Finds misuse of ray queries in SPIR-V: what is wrong on every path is reported from the module alone, what may be
+/* Finds misuse of ray queries and of traces in SPIR-V: what is wrong on every path is reported from the module alone, what may be
  * wrong gets a check that runs on the device and writes a record at the operation (records.h).
  *
  * No Vulkan call, no I/O, no state between calls: every function may be called from any thread. Any sequence of words is
@@ -49,6 +49,14 @@ struct gn_spirv_options {
     uint64_t disabled;       /* a bit per rule that is not to be evaluated */
     uint32_t set, binding;   /* of the storage buffer that records go to, unless `root` says otherwise */
     uint64_t root, key;      /* the device address of a table of buffers, 0 for none, and the module's key in it (records.h) */
+    uint32_t proceed_limit;  /* report a query that calls Proceed more often since its initialization; 0: never */
+
+    /* Of the ray-tracing pipeline that the module is for. What is not known is not judged. */
+    bool recursion_known;
+    uint32_t max_recursion;       /* maxPipelineRayRecursionDepth */
+    uint32_t max_payload;         /* maxPipelineRayPayloadSize in bytes; 0 for unknown */
+    uint32_t max_attribute;       /* maxPipelineRayHitAttributeSize in bytes; 0 for unknown */
+    uint32_t forbidden_ray_flags; /* SkipTriangles for a pipeline that skips AABBs, SkipAABBs for one that skips triangles */
 };
 
 enum gn_spirv_status {
@@ -79,13 +87,13 @@ struct gn_spirv_finding {
     const char *message;
 };
 
-/* One operation on a ray query. `checked` and `wrong` have a bit per rule: those with a check at run time and those proved
+/* One operation on a ray query, or a trace, report or call of a ray-tracing pipeline. `checked` and `wrong` have a bit per rule: those with a check at run time and those proved
  * to be broken (which are checked as well, to learn whether they run). What `judged` has beyond these is proved right. */
 struct gn_spirv_site {
     struct gn_spirv_place place;
     const char *operation;   /* "OpRayQueryProceedKHR" */
     const char *query;       /* the query's debug name, or NULL */
-    uint32_t query_id;       /* the variable or parameter that holds it */
+    uint32_t query_id;       /* the variable or parameter that holds it; 0 for an operation without a query */
     uint64_t judged, checked, wrong;
     uint32_t first_check;    /* index of the first check, in the order of the bits of `checked` */
 };
@@ -117,7 +125,8 @@ void gn_spirv_result_finish(struct gn_spirv_result *result);
 bool gn_spirv_validate(const uint32_t *words, size_t word_count, uint32_t vulkan_minor, char *out_message,
                        size_t message_size);
 
-/* Whether a module mentions ray queries at all: one pass over the words, no allocation. False for what is no module. */
+/* Whether a module has anything to judge, ray queries or traces: one pass over the words, no allocation. False for what is no
+ * module. */
 bool gn_spirv_has_queries(const uint32_t *words, size_t word_count);
 
 /* The site and rule of a check (its index in the record buffer); false when out of range. */

@@ -3,6 +3,11 @@
  * to be checked on the device. */
 #include "checks/spirv/analysis.h"
 
+static uint32_t stages_of(const struct analysis *analysis, const struct site *site)
+{
+    return analysis->stages[analysis->module->blocks[site->block].function];
+}
+
 /* A rule of the protocol and the states that break it. */
 struct breach {
     uint64_t rule; /* its index, then its bit */
@@ -14,7 +19,7 @@ static uint32_t breaches_of(const struct site *site, struct breach out[4])
     uint32_t count = 0;
     enum operation_kind kind = site->operation->kind;
     enum operation_needs needs = site->operation->needs;
-    if (kind == OPERATION_INITIALIZE)
+    if (kind == OPERATION_INITIALIZE || !site->operation->query_word)
         return 0;
     out[count++] = (struct breach){GN_SPIRV_RULE_UNINITIALIZED, STATE_UNINITIALIZED};
     switch (kind) {
@@ -52,6 +57,56 @@ static uint32_t breaches_of(const struct site *site, struct breach out[4])
     return count;
 }
 
+/* The rules that the operation's operands, or the pipeline it is in, may break. */
+static uint64_t rules_of_operands(const struct analysis *analysis, const struct site *site)
+{
+    const struct gn_spirv_options *options = analysis->options;
+    const uint64_t ray = ((UINT64_C(1) << RULES_OF_RAY) - 1) << GN_SPIRV_RULE_INITIALIZE_NAN;
+    uint64_t rules;
+    switch (site->operation->kind) {
+    case OPERATION_INITIALIZE: return ray;
+    case OPERATION_PROCEED: return options->proceed_limit ? RULE_BIT(PROCEED_LIMIT) : 0;
+    case OPERATION_GENERATE: return RULE_BIT(GENERATE_RANGE);
+    case OPERATION_TRACE:
+    case OPERATION_TRACE_MOTION:
+        rules = ray << RULES_OF_RAY_TO_TRACE | RULE_BIT(TRACE_SBT_OFFSET_BITS) | RULE_BIT(TRACE_SBT_STRIDE_BITS) |
+                RULE_BIT(TRACE_MISS_BITS);
+        if (site->operation->kind == OPERATION_TRACE_MOTION)
+            rules |= RULE_BIT(TRACE_TIME);
+        if (options->forbidden_ray_flags)
+            rules |= RULE_BIT(TRACE_SKIPPED_BY_PIPELINE);
+        if (options->recursion_known && stages_of(analysis, site) != (STAGE_RAYGEN | STAGE_NESTED))
+            rules |= RULE_BIT(TRACE_RECURSION);
+        if (options->max_payload)
+            rules |= RULE_BIT(TRACE_PAYLOAD_SIZE);
+        return rules;
+    case OPERATION_REPORT:
+        rules = RULE_BIT(REPORT_HIT_KIND) | RULE_BIT(REPORT_NAN);
+        return options->max_attribute ? rules | RULE_BIT(REPORT_ATTRIBUTE_SIZE) : rules;
+    case OPERATION_CALL: return RULE_BIT(CALL_RANGE);
+    default: return 0;
+    }
+}
+
+/* A ray generation shader runs at depth 0, any other that may trace at 1 or deeper; a trace invokes shaders one deeper. */
+static void judge_recursion(const struct analysis *analysis, struct site *site)
+{
+    if (!(site->judged & RULE_BIT(TRACE_RECURSION)))
+        return;
+    uint32_t shallowest = stages_of(analysis, site) == STAGE_RAYGEN ? 1 : 2;
+    if (shallowest > analysis->options->max_recursion)
+        site->wrong |= RULE_BIT(TRACE_RECURSION);
+    else if (shallowest == 1)
+        site->checked &= ~RULE_BIT(TRACE_RECURSION);
+}
+
+/* What only the module decides: there is nothing to look at on the device. */
+static uint64_t proved_only(const struct analysis *analysis, const struct site *site)
+{
+    uint64_t rules = RULE_BIT(TRACE_PAYLOAD_SIZE) | RULE_BIT(REPORT_ATTRIBUTE_SIZE);
+    return stages_of(analysis, site) == STAGE_RAYGEN ? rules | RULE_BIT(TRACE_RECURSION) : rules;
+}
+
 static void verdict_make(struct analysis *analysis, struct site *site, uint64_t applicable)
 {
     struct breach breaches[4];
@@ -64,11 +119,7 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint64_t 
     uint32_t early = STATE_INITIALIZED | STATES_AT_CANDIDATE;
     bool reads_committed =
         site->committed && (site->operation->kind == OPERATION_GET || site->operation->kind == OPERATION_GET_TYPE);
-    if (site->operation->kind == OPERATION_INITIALIZE)
-        for (uint32_t rule = GN_SPIRV_RULE_INITIALIZE_NAN; rule <= GN_SPIRV_RULE_INITIALIZE_MASK_BITS; rule++)
-            site->judged |= UINT64_C(1) << rule;
-    if (site->operation->kind == OPERATION_GENERATE)
-        site->judged |= RULE_BIT(GENERATE_RANGE);
+    site->judged |= rules_of_operands(analysis, site);
     if (reads_committed)
         site->judged |= RULE_BIT(COMMITTED_TOO_EARLY);
     site->judged &= applicable;
@@ -81,10 +132,13 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint64_t 
         if (all_broken && (site->states & breaches[i].states))
             site->wrong |= breaches[i].rule;
     }
-    if (site->operation->kind == OPERATION_INITIALIZE && site->states) {
+    if (site->operation->kind == OPERATION_INITIALIZE ? site->states != 0 : !site->operation->query_word && site->reachable) {
         site->wrong |= operands.wrong;
         site->checked |= site->judged & ~operands.right;
+        judge_recursion(analysis, site);
     }
+    if (site->operation->kind == OPERATION_PROCEED && site->states)
+        site->checked |= RULE_BIT(PROCEED_LIMIT);
     if (site->operation->kind == OPERATION_GENERATE && (site->states & STATES_AT_AABB)) {
         site->wrong |= operands.wrong;
         site->checked |= RULE_BIT(GENERATE_RANGE);
@@ -95,7 +149,7 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint64_t 
             site->wrong |= RULE_BIT(COMMITTED_TOO_EARLY);
     }
     if (analysis->options->without_proofs)
-        site->checked = site->judged;
+        site->checked = site->judged & ~proved_only(analysis, site);
     site->wrong &= site->judged;
     site->checked = (site->checked | site->wrong) & site->judged;
 }

@@ -42,8 +42,9 @@ struct writer {
 
     uint32_t record_function, record_type;
     uint32_t buffer, buffer_pointer, buffer_class; /* where records go: a variable or an address, its type and storage class */
-    uint32_t invocation_kind; /* execution model whose built-in says which invocation it is, or NONE */
+    uint32_t invocation_kind; /* which built-ins say which invocation it is, see recorder.c */
     uint32_t invocation[2];   /* built-in variables */
+    uint32_t depth_word;      /* of the trace being written: where its depth is counted */
     uint32_t *state_of, *tmax_of; /* per root: the shadow variable or parameter, or 0 */
 };
 
@@ -88,6 +89,13 @@ void label_begin(struct writer *writer, uint32_t label);
 bool records_prepare(struct writer *writer);
 /* Writes the function that checks call to leave a record, after the module's last function. */
 void records_function(struct writer *writer);
+
+/* What the host says of the launch that runs, see enum gn_launch_word: the number of callables, or 0. */
+uint32_t launch_callables(struct writer *writer);
+/* Counts a trace within a shader that was itself invoked by one: the depth of that shader, or 0 where there is no count. Nothing but
+ * the trace may come between entering and leaving. */
+uint32_t launch_depth_enter(struct writer *writer);
+void launch_depth_leave(struct writer *writer);
 
 /* The checks of a site, before its instruction. */
 void checks_write(struct writer *writer, const struct site *site);

@@ -50,6 +50,12 @@ uint32_t modules_list(char (*out)[64], uint32_t capacity)
     return count;
 }
 
+const char *rule_name(enum gn_spirv_rule_index rule)
+{
+    const char *id = gn_spirv_rule_at(rule)->id;
+    return strncmp(id, "query.", 6) == 0 ? id + 6 : id;
+}
+
 void result_text(const struct gn_spirv_result *result, bool lines, char *out, size_t size)
 {
     size_t used = 0;
@@ -60,7 +66,7 @@ void result_text(const struct gn_spirv_result *result, bool lines, char *out, si
             if (!(site->checked >> rule & 1) || used >= size)
                 continue;
             used += (size_t)snprintf(out + used, size - used, "%s%s%c", used ? " " : "",
-                                     gn_spirv_rule_at((enum gn_spirv_rule_index)rule)->id + 6,
+                                     rule_name((enum gn_spirv_rule_index)rule),
                                      site->wrong >> rule & 1 ? '!' : '?');
             if (lines && used < size)
                 used += (size_t)snprintf(out + used, size - used, "%u", site->place.line);

@@ -21,6 +21,8 @@ uint32_t *module_load(const char *form, const char *name, size_t *out_count);
 /* The names of all shaders, sorted; at most `capacity`. */
 uint32_t modules_list(char (*out)[64], uint32_t capacity);
 
+/* The id of a rule, without "query." */
+const char *rule_name(enum gn_spirv_rule_index rule);
 /* What was found, as text: "rule!line" proved wrong, "rule?line" left to the device, in the order of the operations and
  * separated by spaces. Without lines when `lines` is false. */
 void result_text(const struct gn_spirv_result *result, bool lines, char *out, size_t size);

@@ -84,7 +84,7 @@ static bool fired_text(const struct gn_spirv_result *result, const uint32_t *rec
         good &= gn_records_read(records, words, check, &found) && gn_spirv_check_find(result, check, &site, &rule);
         if (!good || !found.count || used >= size)
             continue;
-        used += (size_t)snprintf(out + used, size - used, "%s%s@%u*%u", used ? " " : "", gn_spirv_rule_at(rule)->id + 6,
+        used += (size_t)snprintf(out + used, size - used, "%s%s@%u*%u", used ? " " : "", rule_name(rule),
                                  result->sites[site].place.line, (unsigned)found.count);
         for (uint32_t r = 0; r < found.record_count; r++)
             good &= found.records[r].intact && found.records[r].invocation[0] < LANES &&
