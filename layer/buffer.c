@@ -132,6 +132,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
                                  .size = info->size,
                                  .has_address = (patched.usage & ADDRESS) != 0,
                                  .build_input = (patched.usage & BUILD_INPUT) != 0,
+                                 .storage = (patched.usage & STORAGE) != 0,
                                  .can_copy = patched.can_copy,
                                  .external = patched.external};
     gn_lock(device);
@@ -145,8 +146,91 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
     return result;
 }
 
+void gn_buffer_holds(struct gn_buffer *buffer, struct gn_as *as)
+{
+    as->buffer = buffer;
+    as->buffer_next = buffer->first_structure;
+    as->buffer_previous = NULL;
+    if (as->buffer_next)
+        as->buffer_next->buffer_previous = as;
+    buffer->first_structure = as;
+}
+
+void gn_buffer_lets_go(struct gn_as *as)
+{
+    if (!as->buffer)
+        return;
+    if (as->buffer_previous)
+        as->buffer_previous->buffer_next = as->buffer_next;
+    else
+        as->buffer->first_structure = as->buffer_next;
+    if (as->buffer_next)
+        as->buffer_next->buffer_previous = as->buffer_previous;
+    as->buffer = NULL;
+}
+
+/* The structures in the buffer have no memory any more. */
+static void structures_lose(struct gn_device *device, struct gn_buffer *buffer)
+{
+    uint64_t position = buffer->first_structure ? ++device->position : 0;
+    for (struct gn_as *as = buffer->first_structure; as; as = as->buffer_next) {
+        if (!as->storage_gone && as->writes && as->levels != GN_LEVEL_TOP)
+            gn_change_add(device, as, GN_CHANGE_STORAGE_GONE, GN_QUEUE_HOST, position);
+        as->storage_gone = true;
+    }
+}
+
+static void memory_leave(struct gn_device *device, struct gn_buffer *buffer)
+{
+    if (!buffer->memory)
+        return;
+    if (buffer->memory_previous)
+        buffer->memory_previous->memory_next = buffer->memory_next;
+    else if (buffer->memory_next)
+        gn_map_put(&device->memories, (uint64_t)buffer->memory, buffer->memory_next);
+    else
+        gn_map_take(&device->memories, (uint64_t)buffer->memory);
+    if (buffer->memory_next)
+        buffer->memory_next->memory_previous = buffer->memory_previous;
+    buffer->memory = VK_NULL_HANDLE;
+}
+
+static void memory_enter(struct gn_device *device, struct gn_buffer *buffer, VkDeviceMemory memory)
+{
+    if (buffer->memory || !buffer->storage || !memory)
+        return;
+    struct gn_buffer *head = gn_map_get(&device->memories, (uint64_t)memory);
+    if (!gn_map_put(&device->memories, (uint64_t)memory, buffer))
+        return; /* a memory that is freed too early goes unnoticed */
+    buffer->memory = memory;
+    buffer->memory_next = head;
+    buffer->memory_previous = NULL;
+    if (head)
+        head->memory_previous = buffer;
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_FreeMemory(VkDevice handle, VkDeviceMemory memory, const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    gn_lock(device);
+    struct gn_buffer *buffer = memory ? gn_map_take(&device->memories, (uint64_t)memory) : NULL;
+    for (struct gn_buffer *next; buffer; buffer = next) {
+        next = buffer->memory_next;
+        buffer->memory = VK_NULL_HANDLE;
+        structures_lose(device, buffer);
+    }
+    gn_unlock(device);
+    device->next.FreeMemory(handle, memory, allocator);
+}
+
 static void buffer_free(struct gn_device *device, struct gn_buffer *buffer)
 {
+    if (buffer) {
+        memory_leave(device, buffer);
+        structures_lose(device, buffer);
+        while (buffer->first_structure)
+            gn_buffer_lets_go(buffer->first_structure);
+    }
     if (buffer && buffer->range.size)
         gn_ranges_remove(&device->inputs, &buffer->range);
     free(buffer);
@@ -164,12 +248,14 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyBuffer(VkDevice handle, VkBuffer buff
     device->next.DestroyBuffer(handle, buffer, allocator);
 }
 
-static void buffer_bound(struct gn_device *device, VkBuffer handle)
+static void buffer_bound(struct gn_device *device, VkBuffer handle, VkDeviceMemory memory)
 {
     gn_lock(device);
     struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)handle);
-    if (buffer)
+    if (buffer) {
+        memory_enter(device, buffer, memory);
         buffer_gains_address(device, buffer);
+    }
     gn_unlock(device);
 }
 
@@ -179,7 +265,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BindBufferMemory(VkDevice handle, VkBuff
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.BindBufferMemory(handle, buffer, memory, offset);
     if (result == VK_SUCCESS)
-        buffer_bound(device, buffer);
+        buffer_bound(device, buffer, memory);
     return result;
 }
 
@@ -190,7 +276,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_BindBufferMemory2(VkDevice handle, uint3
     VkResult result = device->next.BindBufferMemory2(handle, count, infos);
     if (result == VK_SUCCESS)
         for (uint32_t i = 0; i < count; i++)
-            buffer_bound(device, infos[i].buffer);
+            buffer_bound(device, infos[i].buffer, infos[i].memory);
     return result;
 }
 
@@ -219,5 +305,6 @@ void gn_buffers_finish(struct gn_device *device)
     while ((buffer = gn_map_next(&device->buffers, &cursor)))
         free(buffer);
     gn_map_finish(&device->buffers);
+    gn_map_finish(&device->memories);
     device->inputs.root = NULL;
 }

@@ -178,6 +178,9 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyDevice(VkDevice handle, const VkAlloc
         gn_command_buffers_finish(device);
         gn_staging_finish(device);
         gn_query_pools_finish(device);
+        gn_descriptors_finish(device);
+        gn_modules_finish(device);
+        gn_changes_finish(device);
         gn_as_finish(device);
         gn_buffers_finish(device);
         gn_unlock(device);

@@ -17,7 +17,9 @@ struct roll {
     bool partial;
     bool by_handle; /* references are handles, as in builds on the host */
     struct gn_structure *structures;
+    const struct gn_as **owners; /* the same structures */
     uint32_t *uses;
+    uint64_t version; /* of the TLAS */
     uint32_t count, capacity;
     struct gn_map index; /* reference -> index + 1 */
 };
@@ -31,7 +33,10 @@ static bool grow(struct roll *roll)
     uint32_t *uses = realloc(roll->uses, capacity * sizeof *uses);
     if (uses)
         roll->uses = uses;
-    if (!structures || !uses)
+    const struct gn_as **owners = realloc(roll->owners, capacity * sizeof *owners);
+    if (owners)
+        roll->owners = owners;
+    if (!structures || !uses || !owners)
         return false;
     roll->capacity = capacity;
     return true;
@@ -68,11 +73,12 @@ static uint32_t look_up(struct roll *roll, uint64_t reference)
                                                           .same_call = as->mark == roll->position && as != roll->tlas,
                                                           .is_top = as->levels == GN_LEVEL_TOP,
                                                           .destroyed = destroyed};
+    roll->owners[roll->count] = as;
     roll->uses[roll->count] = 1;
     return roll->count++;
 }
 
-static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_instance_record *records, uint32_t count,
+static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instance_record *records, uint32_t count,
                   const char *place, struct gn_findings *out)
 {
     struct gn_device *device = roll->device;
@@ -124,6 +130,8 @@ static void judge(struct roll *roll, const struct gn_as *tlas, const struct gn_i
     if (build.references_sure)
         unknown = 0;
     gn_report_judge(device->instance, &build, out);
+    if (!roll->partial && !unordered)
+        gn_members_set(device, tlas, roll->version, roll->queue, roll->position, roll->owners, roll->count);
     gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
     gn_tally_check(device, GN_CHECKED_instances, count - unknown - unordered);
     gn_tally_unjudged(device, GN_UNJUDGED_unknown_reference, unknown);
@@ -134,6 +142,7 @@ fail:
 done:
     free(refers_to);
     free(roll->structures);
+    free(roll->owners);
     free(roll->uses);
     gn_map_finish(&roll->index);
 }
@@ -164,7 +173,7 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
             recording->events[i].target->mark = judgement->position;
     struct roll roll = {
         .device = device, .queue = judgement->queue, .position = judgement->position, .tlas = judgement->tlas,
-        .partial = capture->partial};
+        .version = judgement->version, .partial = capture->partial};
     judge(&roll, judgement->tlas, capture->records, capture->record_count, place, out);
 }
 
@@ -184,7 +193,7 @@ void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAcceler
     char place[128];
     snprintf(place, sizeof place, "vkBuildAccelerationStructuresKHR, pInfos[%u], on the host", info);
     struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .tlas = tlas,
-                        .partial = partial, .by_handle = true};
+                        .version = tlas->writes, .partial = partial, .by_handle = true};
     judge(&roll, tlas, copy, count, place, out);
     free(copy);
 }

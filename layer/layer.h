@@ -69,6 +69,8 @@ struct gn_messenger {
 };
 
 struct gn_log;
+struct gn_bound;
+struct gn_use;
 struct gn_sarif;
 
 struct gn_instance {
@@ -114,6 +116,32 @@ struct gn_build_shape {
 #define GN_LEVEL_BOTTOM 1u
 #define GN_LEVEL_TOP 2u
 
+/* What a TLAS was last built from, and what has happened to that since (contents.c). */
+enum gn_change_kind { GN_CHANGE_WRITTEN, GN_CHANGE_DESTROYED, GN_CHANGE_STORAGE_GONE, GN_CHANGE_COUNT };
+struct gn_members {
+    uint64_t version; /* of the TLAS: its `writes` after the build */
+    uint32_t queue;
+    uint64_t position;
+    bool complete;    /* every change after the build was or will be seen */
+    uint64_t next_change;
+    struct gn_map index; /* id -> index + 1 */
+    struct gn_as **structures;
+    uint32_t count;
+    uint64_t changed[GN_CHANGE_COUNT];
+    const struct gn_as *first[GN_CHANGE_COUNT]; /* to which it happened first */
+};
+struct gn_change {
+    uint64_t id, position;
+    uint32_t queue;
+    enum gn_change_kind kind;
+};
+/* What has happened to BLASes, in the order of positions; the oldest are dropped. */
+struct gn_changes {
+    struct gn_change *list;
+    uint32_t count, capacity;
+    uint64_t dropped, dropped_position;
+};
+
 /* An acceleration structure. Lives on after its destruction while a recording or a judgement refers to it. */
 struct gn_as {
     VkAccelerationStructureKHR handle;
@@ -132,6 +160,15 @@ struct gn_as {
     enum gn_made made;
     bool compacted;
     struct gn_build_shape *shape;      /* of the build that the contents come from; NULL: not known */
+    uint64_t writes;                   /* counts everything that was written into it */
+    struct gn_members *members;        /* of a TLAS, once a build of it was judged */
+    uint64_t used_in, used_version;    /* the submission that read it last, and what it read */
+    bool used_certainly;
+    uint32_t judging;                  /* builds of it that wait to be judged */
+    char *moved_to;                    /* what it was copied into last, for messages; NULL: nothing */
+    struct gn_buffer *buffer;          /* that it lies in; NULL: not known, or gone */
+    struct gn_as *buffer_next, *buffer_previous;
+    bool storage_gone;                 /* the buffer or its memory is no more */
     uint64_t compacted_size;           /* the last that the application has read; 0: none */
     uint64_t compacted_size_of;        /* the generation that it belongs to */
     uint64_t size_asked_of;            /* the generation whose compacted size was last asked */
@@ -148,10 +185,14 @@ struct gn_buffer {
     VkDeviceSize size;
     bool has_address;  /* created with device-address usage */
     bool build_input;
+    bool storage;      /* of structures */
     bool can_copy;     /* has TRANSFER_SRC usage, by itself or by the layer */
     bool bound;
     bool external;     /* may be shared with another API or process */
     struct gn_range range; /* in gn_device.inputs once build_input && bound */
+    struct gn_as *first_structure; /* that lies in it */
+    VkDeviceMemory memory; /* that it is bound to */
+    struct gn_buffer *memory_next, *memory_previous; /* of the buffers with structures in the same memory */
 };
 
 struct gn_staging_block;
@@ -177,6 +218,7 @@ enum gn_event_kind {
     GN_EVENT_SERIALIZE,
     GN_EVENT_QUERY_COMPACTED, /* a question for the compacted size */
     GN_EVENT_QUERY,           /* for another property */
+    GN_EVENT_USE,             /* a trace, dispatch or draw that may read TLASes */
     GN_EVENT_EXECUTE
 };
 
@@ -205,6 +247,7 @@ struct gn_event {
     struct gn_query_pool *pool;   /* of a question for the compacted size; NULL: not known */
     uint32_t query;
     struct gn_fault *faults;
+    struct gn_use *use;
     struct gn_recording *secondary;
 };
 
@@ -238,6 +281,7 @@ struct gn_command_buffer {
     struct gn_command_buffer *previous, *next;
     bool simultaneous;
     struct gn_recording *recording; /* NULL until something is recorded */
+    struct gn_bound *bound; /* NULL until something that holds TLASes, or traces through them, is bound */
     char *name;
 };
 
@@ -257,6 +301,7 @@ struct gn_judgement {
     uint32_t queue;
     uint64_t position;
     uint64_t submission;
+    uint64_t version; /* of the TLAS, once it is built */
     struct gn_judgement *next;
 };
 
@@ -270,6 +315,16 @@ struct gn_suspicion {
     struct gn_suspicion *next;
 };
 
+/* A command that reads a TLAS of which it is not known yet what it was built from. */
+struct gn_pending_use {
+    struct gn_as *tlas;
+    uint64_t version, position;
+    uint32_t queue;
+    bool certain;
+    struct gn_pending_use *next;
+    char place[]; /* of the command */
+};
+
 struct gn_submission {
     uint64_t number;
     uint64_t first_position;
@@ -279,6 +334,7 @@ struct gn_submission {
     bool done;
     struct gn_judgement *judgements, **last;
     struct gn_suspicion *suspicions, **last_suspicion;
+    struct gn_pending_use *uses, **last_use;
     struct gn_submission *next;
 };
 
@@ -304,12 +360,16 @@ struct gn_device {
     uint32_t families[16];   /* the queue families in use; beyond these nothing is copied */
     uint32_t family_count;
     atomic_uint pending;     /* submissions that wait to be judged */
+    atomic_bool traces;      /* some pipeline traces through a descriptor that is followed */
     atomic_bool incomplete;  /* the layer ran out of memory: it may have missed a build, and accuses nobody any more */
 
     pthread_mutex_t lock;    /* of everything below */
     uint64_t position;
     uint64_t submission_count;
     struct gn_map buffers, structures, addresses, pools, command_buffers, queues, query_pools;
+    struct gn_map memories; /* VkDeviceMemory -> the first buffer with structures in it */
+    struct gn_map set_layouts, pipeline_layouts, sets, set_pools, update_templates, modules, pipelines;
+    struct gn_changes changes;
     struct gn_ranges inputs;
     struct gn_queue *first_queue;
     uint32_t queue_count;
@@ -367,6 +427,9 @@ static inline void gn_unlock(struct gn_device *device)
 
 /* buffer.c; with the device locked. */
 void gn_buffers_finish(struct gn_device *device);
+/* A structure is created in the buffer, or destroyed. */
+void gn_buffer_holds(struct gn_buffer *buffer, struct gn_as *as);
+void gn_buffer_lets_go(struct gn_as *as);
 struct gn_buffer *gn_buffer_holding(struct gn_device *device, uint64_t address, uint64_t size);
 
 /* structure.c; with the device locked. */
@@ -399,11 +462,31 @@ const struct gn_as *gn_as_formerly_at(const struct gn_device *device, uint64_t a
 void gn_as_purge(struct gn_device *device);
 void gn_as_finish(struct gn_device *device);
 
+/* contents.c; with the device locked. Changes are told in the order of positions. */
+void gn_members_set(struct gn_device *device, struct gn_as *tlas, uint64_t version, uint32_t queue, uint64_t position,
+                    const struct gn_as *const *structures, uint32_t count);
+void gn_members_free(struct gn_members *members);
+/* Counts what has happened before `position`; false if that is not known any more. */
+bool gn_members_look(struct gn_device *device, struct gn_members *members, uint32_t queue, uint64_t position);
+void gn_change_add(struct gn_device *device, const struct gn_as *as, enum gn_change_kind kind, uint32_t queue,
+                   uint64_t position);
+void gn_changes_finish(struct gn_device *device);
+
+/* use.c, descriptor.c, module.c; with the device locked. */
+void gn_use_free(struct gn_use *use);
+int gn_use_troubles(struct gn_device *device, struct gn_as *tlas, uint64_t version, uint32_t queue, uint64_t position,
+                    bool certain, struct gn_trouble out[GN_TROUBLE_KINDS]);
+void gn_bound_free(struct gn_bound *bound);
+void gn_descriptors_finish(struct gn_device *device);
+void gn_modules_finish(struct gn_device *device);
+
 /* record.c; with the device locked. */
 struct gn_command_buffer *gn_command_buffer_get(struct gn_device *device, VkCommandBuffer handle);
 struct gn_recording *gn_recording_keep(struct gn_recording *recording);
 void gn_recording_release(struct gn_device *device, struct gn_recording *recording);
 /* Appends an event to what the command buffer records, keeping what it refers to; NULL without memory, which is counted. */
+/* The number that the events of the next command share. */
+uint32_t gn_command_buffer_next(struct gn_command_buffer *commands);
 struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_command_buffer *commands,
                                        const struct gn_event *event);
 void gn_command_buffers_finish(struct gn_device *device);

@@ -32,6 +32,7 @@ void gn_recording_release(struct gn_device *device, struct gn_recording *recordi
         if (event->capture)
             gn_staging_give(device, event->capture);
         free(event->capture);
+        gn_use_free(event->use);
         gn_recording_release(device, event->secondary);
     }
     free(recording->events);
@@ -74,8 +75,7 @@ fail:
     return NULL;
 }
 
-/* The number that the events of one command share. */
-static uint32_t next_command(struct gn_command_buffer *commands)
+uint32_t gn_command_buffer_next(struct gn_command_buffer *commands)
 {
     struct gn_recording *recording = recording_of(commands);
     return recording ? ++recording->command_count : 0;
@@ -106,6 +106,8 @@ static void forget_recording(struct gn_device *device, struct gn_command_buffer 
 {
     gn_recording_release(device, commands->recording);
     commands->recording = NULL;
+    gn_bound_free(commands->bound);
+    commands->bound = NULL;
 }
 
 static void command_buffer_free(struct gn_device *device, struct gn_command_buffer *commands)
@@ -237,7 +239,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdExecuteCommands(VkCommandBuffer handle, u
         if (!secondary || !secondary->recording)
             continue;
         struct gn_event event = {.kind = GN_EVENT_EXECUTE,
-                                 .command = next_command(commands),
+                                 .command = gn_command_buffer_next(commands),
                                  .secondary = secondary->recording,
                                  .unjudged = GN_UNJUDGED_COUNT};
         gn_command_buffer_add(device, commands, &event);
@@ -254,7 +256,7 @@ static void record(VkCommandBuffer handle, struct gn_device *device, enum gn_eve
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
     if (commands) {
         struct gn_event event = {.kind = kind,
-                                 .command = next_command(commands),
+                                 .command = gn_command_buffer_next(commands),
                                  .target = gn_as_get(device, target),
                                  .source = gn_as_get(device, source),
                                  .unjudged = GN_UNJUDGED_COUNT};
@@ -296,7 +298,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdWriteAccelerationStructuresPropertiesKHR(
     struct gn_device *device = gn_device_of(handle);
     gn_lock(device);
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
-    uint32_t command = commands ? next_command(commands) : 0;
+    uint32_t command = commands ? gn_command_buffer_next(commands) : 0;
     for (uint32_t i = 0; commands && i < count; i++) {
         bool compacted_size = type == VK_QUERY_TYPE_ACCELERATION_STRUCTURE_COMPACTED_SIZE_KHR;
         struct gn_event event = {.kind = compacted_size ? GN_EVENT_QUERY_COMPACTED : GN_EVENT_QUERY,
@@ -318,7 +320,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresIndirectKHR(
     struct gn_device *device = gn_device_of(handle);
     gn_lock(device);
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
-    uint32_t command = commands ? next_command(commands) : 0;
+    uint32_t command = commands ? gn_command_buffer_next(commands) : 0;
     for (uint32_t i = 0; commands && i < count; i++) {
         bool is_tlas = infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
         struct gn_event event = {.kind = GN_EVENT_INDIRECT_BUILD,
@@ -437,7 +439,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
 
     gn_lock(device);
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
-    uint32_t command = commands ? next_command(commands) : 0;
+    uint32_t command = commands ? gn_command_buffer_next(commands) : 0;
     if (commands && faults && count > 1)
         gn_inputs_check_together(device, infos, ranges, count, faults);
     for (uint32_t i = 0; commands && i < count; i++) {

@@ -22,6 +22,8 @@ void gn_as_release(struct gn_as *as)
     if (!as || --as->references)
         return;
     gn_shape_release(as->shape);
+    gn_members_free(as->members);
+    free(as->moved_to);
     free(as->built);
     free(as->name);
     free(as);
@@ -29,6 +31,8 @@ void gn_as_release(struct gn_as *as)
 
 void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, uint64_t position)
 {
+    if (as->writes++ && as->levels != GN_LEVEL_TOP)
+        gn_change_add(device, as, GN_CHANGE_WRITTEN, queue, position);
     for (uint32_t i = 0; i < as->built_count; i++)
         if (as->built[i].queue == queue) {
             as->built[i].last = position; /* positions only rise */
@@ -251,8 +255,10 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
     /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
      * in the same place and never ask. */
     struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)info->buffer);
-    if (as && buffer)
+    if (as && buffer) {
         as->shared = buffer->external;
+        gn_buffer_holds(buffer, as);
+    }
     if (as && buffer && buffer->bound && buffer->has_address) {
         VkAccelerationStructureDeviceAddressInfoKHR query = {
             .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR, .accelerationStructure = *out};
@@ -290,6 +296,9 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyAccelerationStructureKHR(VkDevice han
             *grave = gn_as_keep(as);
             device->addressless -= !as->address;
             as->destroyed_at = ++device->position;
+            gn_buffer_lets_go(as);
+            if (as->writes && as->levels != GN_LEVEL_TOP)
+                gn_change_add(device, as, GN_CHANGE_DESTROYED, GN_QUEUE_HOST, as->destroyed_at);
             as->next_destroyed = device->destroyed;
             device->destroyed = as;
             if (!atomic_load(&device->pending))

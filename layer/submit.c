@@ -2,10 +2,11 @@
 /* Submission: recordings are replayed in the order of submission, TLAS builds wait for the completion of what they are
  * part of, and are then judged. Completion is seen through the application's fence, or one of the layer's where it gave
  * none; nothing is submitted in addition. */
-#include "layer/layer.h"
+#include "layer/use.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 #define MAX_NESTING 16
 
@@ -67,8 +68,48 @@ static void judgement_free(struct gn_device *device, struct gn_judgement *judgem
     if (judgement->capture && judgement->capture->pending == judgement)
         judgement->capture->pending = NULL;
     gn_recording_release(device, judgement->recording);
+    judgement->tlas->judging--;
     gn_as_release(judgement->tlas);
     free(judgement);
+}
+
+static void judge_use(const void *value, struct gn_report *report)
+{
+    gn_rules_judge_use(value, report);
+}
+
+static const char *pending_place(void *context)
+{
+    return ((struct gn_pending_use *)context)->place;
+}
+
+/* By now it is known what the TLAS was built from, if it ever will be. */
+static void use_settle(struct gn_device *device, struct gn_pending_use *use, bool completed, struct gn_findings *findings)
+{
+    struct gn_trouble troubles[GN_TROUBLE_KINDS];
+    int count = completed && !atomic_load_explicit(&device->incomplete, memory_order_relaxed)
+                    ? gn_use_troubles(device, use->tlas, use->version, use->queue, use->position, use->certain, troubles)
+                    : -1;
+    if (count < 0)
+        gn_tally_unjudged(device, GN_UNJUDGED_unknown_contents, 1);
+    else
+        gn_tally_check(device, GN_CHECKED_uses, 1);
+    for (int i = 0; i < count; i++) {
+        struct gn_findings found;
+        struct gn_pending_finding *finding;
+        gn_findings_init(&found);
+        gn_report_suspect(device->instance,
+                          &(struct gn_suspect){.judge = judge_use,
+                                               .value = &troubles[i],
+                                               .place = &troubles[i].place,
+                                               .make_place = pending_place,
+                                               .context = use},
+                          &found);
+        while ((finding = gn_findings_take(&found)))
+            gn_report_confirm(device->instance, finding, findings);
+    }
+    gn_as_release(use->tlas);
+    free(use);
 }
 
 static void suspicion_settle(struct gn_device *device, struct gn_suspicion *suspicion, bool completed,
@@ -92,13 +133,22 @@ static void suspicion_settle(struct gn_device *device, struct gn_suspicion *susp
 /* `readable`: the copies of this submission are complete. */
 static void settle(struct gn_device *device, struct gn_submission *submission, bool readable, struct gn_findings *findings)
 {
+    struct gn_pending_use *use = submission->uses;
     for (struct gn_judgement *judgement = submission->judgements, *next; judgement; judgement = next) {
         next = judgement->next;
+        for (struct gn_pending_use *after; use && use->position < judgement->position; use = after) {
+            after = use->next;
+            use_settle(device, use, readable, findings);
+        }
         if (judgement->capture && readable)
             gn_judge_capture(device, judgement, findings);
         else if (judgement->capture)
             gn_tally_unjudged(device, GN_UNJUDGED_not_completed, 1);
         judgement_free(device, judgement);
+    }
+    for (struct gn_pending_use *after; use; use = after) {
+        after = use->next;
+        use_settle(device, use, readable, findings);
     }
     for (struct gn_suspicion *suspicion = submission->suspicions, *next; suspicion; suspicion = next) {
         next = suspicion->next;
@@ -143,6 +193,7 @@ static struct gn_submission *submission_of(struct replay *replay)
         submission->first_position = replay->first_position;
         submission->last = &submission->judgements;
         submission->last_suspicion = &submission->suspicions;
+        submission->last_use = &submission->uses;
     }
     return submission;
 }
@@ -166,7 +217,9 @@ static void expect_judgement(struct replay *replay, struct gn_recording *recordi
                                        .command_buffer = replay->command_buffer,
                                        .queue = replay->queue->id,
                                        .position = position,
-                                       .submission = replay->number};
+                                       .submission = replay->number,
+                                       .version = event->target->writes};
+    event->target->judging++;
     event->capture->pending = judgement;
     atomic_fetch_add(&device->instance->open_judgements, 1);
     *replay->submission->last = judgement;
@@ -239,6 +292,7 @@ struct place {
 
 static const char *place_text(void *context)
 {
+    struct place *place = context;
     static const char *const names[] = {
         [GN_EVENT_BUILD] = "vkCmdBuildAccelerationStructuresKHR",
         [GN_EVENT_UPDATE] = "vkCmdBuildAccelerationStructuresKHR",
@@ -249,14 +303,14 @@ static const char *place_text(void *context)
         [GN_EVENT_QUERY_COMPACTED] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
         [GN_EVENT_QUERY] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
     };
-    struct place *place = context;
     const struct replay *replay = place->replay;
     const struct gn_command_buffer *commands = gn_command_buffer_get(replay->device, replay->command_buffer);
     char commands_text[256], queue_text[256];
     struct gn_object commands_object = {GN_OBJECT_COMMAND_BUFFER, (uint64_t)(uintptr_t)replay->command_buffer,
                                         commands ? commands->name : NULL};
     struct gn_object queue_object = {GN_OBJECT_QUEUE, (uint64_t)(uintptr_t)replay->queue->handle, replay->queue->name};
-    snprintf(place->text, sizeof place->text, "%s of %s in queue submission %llu (%s)", names[place->event->kind],
+    snprintf(place->text, sizeof place->text, "%s of %s in queue submission %llu (%s)",
+             place->event->use ? place->event->use->command : names[place->event->kind],
              gn_object_describe(&commands_object, commands_text, sizeof commands_text),
              (unsigned long long)replay->number, gn_object_describe(&queue_object, queue_text, sizeof queue_text));
     return place->text;
@@ -306,6 +360,27 @@ static void suspect(struct replay *replay, const struct gn_event *event, struct 
     }
 }
 
+static void expect_use(struct replay *replay, const struct gn_event *event, const struct gn_use_entry *entry, struct gn_as *tlas,
+                       uint64_t position)
+{
+    struct gn_submission *submission = submission_of(replay);
+    struct place place = {.replay = replay, .event = event};
+    const char *text = place_text(&place);
+    struct gn_pending_use *use = submission ? malloc(sizeof *use + strlen(text) + 1) : NULL;
+    if (!use) {
+        gn_tally_lost(replay->device);
+        return;
+    }
+    *use = (struct gn_pending_use){.tlas = gn_as_keep(tlas),
+                                   .version = tlas->writes,
+                                   .position = position,
+                                   .queue = replay->queue->id,
+                                   .certain = entry->certain};
+    memcpy(use->place, text, strlen(text) + 1);
+    *submission->last_use = use;
+    submission->last_use = &use->next;
+}
+
 static void suspect_command(struct replay *replay, const struct gn_event *event, enum gn_command_kind kind, uint64_t position)
 {
     uint32_t queue = replay->queue->id;
@@ -333,6 +408,17 @@ static void suspect_faults(struct replay *replay, const struct gn_event *event, 
     }
 }
 
+/* So that a finding about the source can say where its contents went. */
+static void moved(struct gn_as *source, const struct gn_as *target)
+{
+    char text[256];
+    if (!source || source == target)
+        return;
+    struct gn_object object = {target->kind, (uint64_t)target->handle, target->name};
+    free(source->moved_to);
+    source->moved_to = strdup(gn_object_describe(&object, text, sizeof text));
+}
+
 /* What the target holds once the event has been executed. A source that another queue may have changed says nothing. */
 static void fill(const struct gn_event *event, uint32_t queue, uint64_t position)
 {
@@ -352,9 +438,11 @@ static void fill(const struct gn_event *event, uint32_t queue, uint64_t position
                         source && source->shape ? source->shape : event->shape);
         break;
     case GN_EVENT_COPY:
+        moved(source, target);
         gn_as_holds(target, GN_MADE_CLONED, source && source->compacted, source ? source->shape : NULL);
         break;
     case GN_EVENT_COMPACT:
+        moved(source, target);
         gn_as_holds(target, GN_MADE_COMPACTED, true, source ? source->shape : NULL);
         break;
     case GN_EVENT_DESERIALIZE:
@@ -363,6 +451,50 @@ static void fill(const struct gn_event *event, uint32_t queue, uint64_t position
     default:
         break;
     }
+}
+
+/* The TLAS is read as the last write before left it. What it was built from may not be known before the submission has completed. */
+static void replay_read(struct replay *replay, const struct gn_event *event, const struct gn_use_entry *entry, uint64_t position)
+{
+    struct gn_device *device = replay->device;
+    uint32_t queue = replay->queue->id;
+    struct gn_as *tlas = entry->set->slots[entry->slot];
+    struct gn_trouble troubles[GN_TROUBLE_KINDS];
+    int count = 0;
+    if (!tlas || tlas->destroyed_at)
+        return;
+    if (tlas->used_in == replay->number && tlas->used_version == tlas->writes && (tlas->used_certainly || !entry->certain))
+        return;
+    tlas->used_in = replay->number;
+    tlas->used_version = tlas->writes;
+    tlas->used_certainly = entry->certain;
+    enum gn_built built = gn_as_built(tlas, queue, position);
+    if (built == GN_BUILT_NEVER) {
+        troubles[count++] = (struct gn_trouble){.kind = GN_TROUBLE_NEVER_BUILT,
+                                                .certain = entry->certain,
+                                                .tlas = {tlas->kind, (uint64_t)tlas->handle, tlas->name},
+                                                .tlas_id = tlas->id};
+    } else if (tlas->judging) {
+        expect_use(replay, event, entry, tlas, position);
+        return;
+    } else {
+        count = gn_use_troubles(device, tlas, tlas->writes, queue, position, entry->certain, troubles);
+    }
+    if (count < 0)
+        gn_tally_unjudged(device, GN_UNJUDGED_unknown_contents, 1);
+    else
+        gn_tally_check(device, GN_CHECKED_uses, 1);
+    for (int i = 0; i < count; i++) {
+        struct gn_event by = {.kind = GN_EVENT_USE, .use = event->use, .source = tlas};
+        suspect(replay, &by, &(struct gn_suspect){.judge = judge_use, .value = &troubles[i], .place = &troubles[i].place},
+                troubles[i].kind == GN_TROUBLE_NEVER_BUILT, position);
+    }
+}
+
+static void replay_use(struct replay *replay, const struct gn_event *event, uint64_t position)
+{
+    for (uint32_t i = 0; i < event->use->count; i++)
+        replay_read(replay, event, &event->use->entries[i], position);
 }
 
 static void replay_recording(struct replay *replay, struct gn_recording *recording, unsigned depth)
@@ -382,6 +514,10 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
             position = ++device->position;
         }
         replay->touched = true;
+        if (event->use) {
+            replay_use(replay, event, position);
+            continue;
+        }
         enum gn_command_kind kind = command_of(event);
         if (device->builds_unseen && kind != GN_COMMAND_KIND_COUNT)
             gn_tally_unjudged(device, GN_UNJUDGED_cluster_commands, 1);

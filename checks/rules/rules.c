@@ -222,6 +222,18 @@ void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report
     report->rule = NULL;
 }
 
+void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_USE, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.use(use, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
 static uint64_t mix(uint64_t hash, uint64_t value)
 {
     hash ^= value + UINT64_C(0x9E3779B97F4A7C15) + (hash << 6) + (hash >> 2);

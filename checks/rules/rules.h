@@ -37,7 +37,7 @@ struct gn_rule;
 struct gn_report;
 
 /* What a rule is about: which values its test takes. */
-enum gn_rule_event { GN_RULE_ON_TLAS_BUILD, GN_RULE_ON_COMMAND, GN_RULE_ON_INPUT, GN_RULE_ON_CLASH };
+enum gn_rule_event { GN_RULE_ON_TLAS_BUILD, GN_RULE_ON_COMMAND, GN_RULE_ON_INPUT, GN_RULE_ON_CLASH, GN_RULE_ON_USE };
 
 #define GN_RULE_MAX_SOURCES 16
 
@@ -58,6 +58,7 @@ struct gn_rule {
         void (*command)(const struct gn_command *command, struct gn_report *report);
         void (*input)(const struct gn_input *input, struct gn_report *report);
         void (*clash)(const struct gn_clash *clash, struct gn_report *report);
+        void (*use)(const struct gn_trouble *use, struct gn_report *report);
         void (*tlas_build)(const struct gn_tlas_build *build, struct gn_report *report);
     } test;
 };
@@ -111,6 +112,7 @@ void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_repo
 void gn_rules_judge_command(const struct gn_command *command, struct gn_report *report);
 void gn_rules_judge_input(const struct gn_input *input, struct gn_report *report);
 void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report);
+void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report);
 bool gn_rules_about_command(enum gn_command_kind kind, const struct gn_rule_set *enabled, enum gn_profile profile);
 
 /* For rules: the same severity in every profile. */

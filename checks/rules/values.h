@@ -146,6 +146,24 @@ struct gn_clash {
     uint64_t address; /* of the scratch */
 };
 
+/* Something that is wrong with a TLAS as a trace, dispatch or draw finds it. */
+enum gn_trouble_kind {
+    GN_TROUBLE_NEVER_BUILT,
+    GN_TROUBLE_DESTROYED,    /* a BLAS that it was last built from was destroyed since */
+    GN_TROUBLE_STORAGE_GONE, /* the buffer or the memory of a BLAS was */
+    GN_TROUBLE_REBUILT,      /* a BLAS was written since */
+    GN_TROUBLE_KINDS
+};
+struct gn_trouble {
+    enum gn_trouble_kind kind;
+    bool certain; /* some invocation of the command traces through the TLAS, whatever the data */
+    const char *place;
+    struct gn_object tlas, blas; /* the BLAS to which it happened first */
+    uint64_t tlas_id, blas_id;
+    const char *moved_to; /* what the BLAS was copied into last, as text; NULL: nothing */
+    uint64_t count, total; /* how often it happened; how many BLASes the TLAS has */
+};
+
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */
 struct gn_instance_record {
     float object_to_world[12];         /* three rows of four */

@@ -100,12 +100,15 @@ static void create_device(struct world *world, const struct world_options *optio
     assert_true(result == VK_SUCCESS || result == VK_INCOMPLETE);
     assert_int_equal(count, 1);
     const char *extensions[] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME, VK_KHR_RAY_QUERY_EXTENSION_NAME,
-                                VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME, VK_KHR_MAINTENANCE_5_EXTENSION_NAME};
+                                VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME, VK_KHR_MAINTENANCE_5_EXTENSION_NAME,
+                                VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME};
     VkPhysicalDeviceMaintenance5FeaturesKHR maintenance = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_5_FEATURES_KHR, .maintenance5 = VK_TRUE};
+    VkPhysicalDeviceRayQueryFeaturesKHR queries = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_QUERY_FEATURES_KHR, .pNext = &maintenance, .rayQuery = VK_TRUE};
     VkPhysicalDeviceAccelerationStructureFeaturesKHR structures = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR,
-        .pNext = &maintenance,
+        .pNext = &queries,
         .accelerationStructure = VK_TRUE};
     VkPhysicalDeviceVulkan13Features v13 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES,
                                             .pNext = options->without_structures ? NULL : &structures,
@@ -123,7 +126,7 @@ static void create_device(struct world *world, const struct world_options *optio
                                .pNext = &v12,
                                .queueCreateInfoCount = 1,
                                .pQueueCreateInfos = &queue,
-                               .enabledExtensionCount = options->without_structures ? 0 : 4,
+                               .enabledExtensionCount = options->without_structures ? 0 : 5,
                                .ppEnabledExtensionNames = extensions};
     REQUIRE(vkCreateDevice(world->physical, &info, NULL, &world->device));
     vkGetDeviceQueue(world->device, 0, 0, &world->queue);

@@ -459,6 +459,30 @@ static const struct clash_row {
 
 #define CLASH_ROW_COUNT (sizeof clash_rows / sizeof clash_rows[0])
 
+static const struct use_row {
+    const char *rule, *name;
+    enum gn_trouble_kind kind;
+    bool certain;
+    uint32_t expected;
+    const char *says;
+} use_rows[] = {
+    {"use.tlas_never_built", "certain", GN_TROUBLE_NEVER_BUILT, true, 1, "is traced through, but nothing submitted"},
+    {"use.tlas_never_built", "bound", GN_TROUBLE_NEVER_BUILT, false, 0, NULL},
+    {"use.tlas_never_built_bound", "bound", GN_TROUBLE_NEVER_BUILT, false, 1, "is bound for tracing"},
+    {"use.tlas_never_built_bound", "certain", GN_TROUBLE_NEVER_BUILT, true, 0, NULL},
+    {"use.blas_destroyed", "certain", GN_TROUBLE_DESTROYED, true, 1,
+     "1 of the 3 BLASes that it was last built from were destroyed since, BLAS \"tree\" (0x2) first, which was copied before into "
+     "BLAS \"small\""},
+    {"use.blas_destroyed", "memory", GN_TROUBLE_STORAGE_GONE, true, 1, "have lost their buffer or memory"},
+    {"use.blas_destroyed", "bound", GN_TROUBLE_DESTROYED, false, 0, NULL},
+    {"use.blas_destroyed_bound", "bound", GN_TROUBLE_DESTROYED, false, 1, "were destroyed"},
+    {"use.blas_destroyed_bound", "rebuilt", GN_TROUBLE_REBUILT, false, 0, NULL},
+    {"use.blas_rebuilt", "rebuilt", GN_TROUBLE_REBUILT, false, 1, "was written since, BLAS \"tree\""},
+    {"use.blas_rebuilt", "destroyed", GN_TROUBLE_DESTROYED, true, 0, NULL},
+};
+
+#define USE_ROW_COUNT (sizeof use_rows / sizeof use_rows[0])
+
 #define ROW_COUNT (sizeof rows / sizeof rows[0])
 
 struct collected {
@@ -643,6 +667,17 @@ static void every_input_row(void **state)
         gn_rules_judge_clash(&clash, &report);
         failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
     }
+    for (size_t i = 0; i < USE_ROW_COUNT; i++) {
+        const struct use_row *row = &use_rows[i];
+        struct collected out = {.findings = 0};
+        struct gn_report report = report_into(&out);
+        struct gn_trouble use = {.kind = row->kind, .certain = row->certain, .tlas = {GN_OBJECT_TLAS, 1, "scene"},
+                                 .blas = {GN_OBJECT_BLAS, 2, "tree"}, .tlas_id = 1, .blas_id = 2,
+                                 .moved_to = "BLAS \"small\"", .count = 1, .total = 3};
+        enable_only(&report, row->rule);
+        gn_rules_judge_use(&use, &report);
+        failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
+    }
     assert_int_equal(failures, 0);
 }
 
@@ -665,6 +700,9 @@ static void every_rule_fires_and_stays_silent(void **state)
         for (size_t i = 0; i < CLASH_ROW_COUNT; i++)
             if (strcmp(clash_rows[i].rule, gn_rules_at(r)->id) == 0)
                 clash_rows[i].expected ? firing++ : silent++;
+        for (size_t i = 0; i < USE_ROW_COUNT; i++)
+            if (strcmp(use_rows[i].rule, gn_rules_at(r)->id) == 0)
+                use_rows[i].expected ? firing++ : silent++;
         if (!firing || !silent) {
             print_error("%s has %d firing and %d silent rows; it needs both\n", gn_rules_at(r)->id, firing, silent);
             failures++;

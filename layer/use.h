@@ -1,0 +1,79 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Which TLASes a trace, dispatch or draw may read: what descriptor sets hold (descriptor.c), what the shaders of a pipeline name
+ * (module.c), and both together where a command is recorded and executed (use.c). */
+#ifndef GN_LAYER_USE_H
+#define GN_LAYER_USE_H
+
+#include "layer/layer.h"
+
+/* A descriptor that a shader traces rays through. */
+struct gn_static_use {
+    uint32_t set, binding;
+    VkShaderStageFlags stages;
+    bool always; /* every invocation of that stage traces through it */
+};
+
+struct gn_static_uses {
+    uint32_t references;
+    uint32_t count;
+    bool one_raygen; /* of a ray-tracing pipeline: which ray-generation shader runs is not a question */
+    struct gn_static_use uses[];
+};
+
+/* What the module with exactly one entry point traces through; NULL when nothing is known. `stage` is that of the entry point. */
+struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count);
+struct gn_static_uses *gn_static_uses_keep(struct gn_static_uses *uses);
+void gn_static_uses_release(struct gn_static_uses *uses);
+
+/* The bindings of a layout that hold acceleration structures; a layout without any is not remembered. */
+struct gn_as_binding {
+    uint32_t binding, elements;
+    bool partial; /* it may hold nothing */
+};
+struct gn_set_layout {
+    uint32_t references;
+    uint32_t count;
+    struct gn_as_binding bindings[];
+};
+
+/* A set of such a layout, or what was pushed. Bindings of one element are followed, arrays are not. */
+struct gn_set {
+    VkDescriptorSet handle;
+    VkDescriptorPool pool;
+    uint32_t references;
+    struct gn_set_layout *layout;
+    struct gn_set *next; /* of the pool */
+    struct gn_as *slots[];
+};
+void gn_set_release(struct gn_set *set);
+
+enum { GN_BIND_GRAPHICS, GN_BIND_COMPUTE, GN_BIND_RAYS, GN_BIND_COUNT };
+#define GN_MAX_SETS 32
+
+/* What is bound while a command buffer is recorded. */
+struct gn_bound {
+    struct gn_static_uses *uses[GN_BIND_COUNT];
+    struct gn_set *sets[GN_BIND_COUNT][GN_MAX_SETS];
+    bool changed[GN_BIND_COUNT]; /* since the last use that was recorded */
+};
+/* NULL without memory. */
+struct gn_bound *gn_bound_of(struct gn_device *device, struct gn_command_buffer *commands);
+void gn_bound_free(struct gn_bound *bound);
+/* The index of GN_BIND_*, GN_BIND_COUNT for any other. */
+unsigned gn_bind_point(VkPipelineBindPoint point);
+
+/* One recorded command that reads TLASes through descriptors. */
+struct gn_use_entry {
+    struct gn_set *set;
+    uint32_t slot;
+    VkShaderStageFlags stages;
+    bool certain; /* if the command runs, some invocation traces through it */
+};
+struct gn_use {
+    const char *command;
+    uint32_t count;
+    struct gn_use_entry entries[];
+};
+void gn_use_free(struct gn_use *use);
+
+#endif

@@ -1,0 +1,287 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* TLASes in use: what a trace finds in them, end to end. The table runs a second time above Khronos' validation. */
+#include "tests/layer/trace.h"
+
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+
+#define BLAS VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR
+
+struct scene {
+    struct structure blas, tlas;
+    struct tracer tracer;
+};
+
+static void build(struct world *world, struct structure *structure)
+{
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, structure);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+}
+
+static void trace(struct world *world, struct scene *scene, uint32_t groups)
+{
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_trace(world, commands, &scene->tracer, scene->tlas.handle, groups);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+}
+
+static struct scene scene_create(struct world *world, enum trace_shader shader, enum trace_way way)
+{
+    struct scene scene = {.blas = blas_create(world, BLAS,
+                                              VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR |
+                                                  VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR),
+                          .tlas = tlas_create(world, 1),
+                          .tracer = tracer_create(world, shader, way)};
+    structure_name(world, &scene.blas, "tree");
+    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    build(world, &scene.blas);
+    build(world, &scene.tlas);
+    if (way != TRACE_BY_PUSH && way != TRACE_BY_PUSH_TEMPLATE)
+        tracer_refer(world, &scene.tracer, scene.tlas.handle);
+    return scene;
+}
+
+static void scene_destroy(struct world *world, struct scene *scene)
+{
+    tracer_destroy(world, &scene->tracer);
+    structure_destroy(world, &scene->tlas);
+    if (scene->blas.handle)
+        structure_destroy_handle(world, &scene->blas);
+    buffer_destroy(world, &scene->blas.storage);
+    buffer_destroy(world, &scene->blas.scratch);
+    buffer_destroy(world, &scene->blas.input);
+}
+
+static void valid(struct world *world)
+{
+    for (int way = 0; way < TRACE_WAYS; way++) {
+        struct scene scene = scene_create(world, TRACE_ALWAYS, (enum trace_way)way);
+        trace(world, &scene, 1);
+        assert_int_equal(*(uint32_t *)scene.tracer.hits.mapped, 1);
+        scene_destroy(world, &scene);
+    }
+}
+
+/* However the TLAS got into the descriptor. */
+static void destroyed(struct world *world)
+{
+    for (int way = 0; way < TRACE_WAYS; way++) {
+        struct scene scene = scene_create(world, TRACE_ALWAYS, (enum trace_way)way);
+        structure_destroy_handle(world, &scene.blas);
+        trace(world, &scene, 1);
+        scene_destroy(world, &scene);
+    }
+    const struct message *message = messages_find(world, "use.blas_destroyed");
+    assert_non_null(message);
+    assert_non_null(strstr(message->text, "1 of the 1 BLASes"));
+    assert_non_null(strstr(message->text, "BLAS \"tree\""));
+    assert_non_null(strstr(message->text, "vkCmdDispatch of command buffer"));
+}
+
+/* The address belongs to a BLAS again, which the TLAS was built from anew. */
+static void destroyed_and_built_anew(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    structure_destroy_handle(world, &scene.blas);
+    structure_create_handle(world, &scene.blas, BLAS);
+    build(world, &scene.blas);
+    build(world, &scene.tlas);
+    trace(world, &scene, 1);
+    scene_destroy(world, &scene);
+}
+
+static void dropped_before_destroyed(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    tlas_refer(&scene.tlas, 0, 0);
+    build(world, &scene.tlas);
+    structure_destroy_handle(world, &scene.blas);
+    trace(world, &scene, 1);
+    assert_int_equal(*(uint32_t *)scene.tracer.hits.mapped, 0);
+    scene_destroy(world, &scene);
+}
+
+static void destroyed_after_the_trace(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    trace(world, &scene, 1);
+    structure_destroy_handle(world, &scene.blas);
+    scene_destroy(world, &scene);
+}
+
+static void buffer_gone(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_MAYBE, TRACE_BY_WRITE);
+    buffer_destroy(world, &scene.blas.storage);
+    trace(world, &scene, 1);
+    assert_non_null(strstr(messages_find(world, "use.blas_destroyed_bound")->text, "lost their buffer"));
+    scene_destroy(world, &scene);
+}
+
+static void memory_gone(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_MAYBE, TRACE_BY_WRITE);
+    vkFreeMemory(world->device, scene.blas.storage.memory, NULL);
+    scene.blas.storage.memory = VK_NULL_HANDLE;
+    trace(world, &scene, 1);
+    assert_non_null(strstr(messages_find(world, "use.blas_destroyed_bound")->text, "lost their buffer or memory"));
+    scene_destroy(world, &scene);
+}
+
+static void compacted_away(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    struct structure small = target_create(world, BLAS, scene.blas.size);
+    structure_name(world, &small, "small");
+    VkCommandBuffer commands = commands_begin(world, 0);
+    VkCopyAccelerationStructureInfoKHR copy = {.sType = VK_STRUCTURE_TYPE_COPY_ACCELERATION_STRUCTURE_INFO_KHR,
+                                               .src = scene.blas.handle,
+                                               .dst = small.handle,
+                                               .mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR};
+    world->CmdCopyAccelerationStructureKHR(commands, &copy);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    structure_destroy_handle(world, &scene.blas);
+    trace(world, &scene, 1);
+    assert_non_null(strstr(messages_find(world, "use.blas_destroyed")->text, "copied before into BLAS \"small\""));
+    /* And as it should be. */
+    tlas_refer(&scene.tlas, 0, small.address);
+    build(world, &scene.tlas);
+    trace(world, &scene, 1);
+    structure_destroy(world, &small);
+    scene_destroy(world, &scene);
+}
+
+static void branch_not_taken(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_MAYBE, TRACE_BY_WRITE);
+    structure_destroy_handle(world, &scene.blas);
+    trace(world, &scene, 1);
+    assert_int_equal(messages_find(world, "use.blas_destroyed_bound")->severity, VK_DEBUG_UTILS_MESSAGE_SEVERITY_INFO_BIT_EXT);
+    scene_destroy(world, &scene);
+}
+
+static void array_of_descriptors(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ARRAY, TRACE_BY_WRITE);
+    structure_destroy_handle(world, &scene.blas);
+    trace(world, &scene, 1);
+    scene_destroy(world, &scene);
+}
+
+static void rebuilt(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    build(world, &scene.blas);
+    trace(world, &scene, 1);
+    scene_destroy(world, &scene);
+}
+
+static void rebuilt_with_the_tlas(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    for (int frame = 0; frame < 3; frame++) {
+        VkCommandBuffer commands = commands_begin(world, 0);
+        commands_build_one(world, commands, &scene.blas);
+        commands_barrier(commands);
+        commands_update(world, commands, &scene.tlas);
+        commands_barrier(commands);
+        commands_trace(world, commands, &scene.tracer, scene.tlas.handle, 1);
+        commands_barrier(commands);
+        commands_end(commands);
+        submit(world, commands, VK_NULL_HANDLE);
+    }
+    vkQueueWaitIdle(world->queue);
+    scene_destroy(world, &scene);
+}
+
+/* All in one submission: what the TLAS holds is known only afterwards. */
+static void updated_between_build_and_trace(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_barrier(commands);
+    commands_update(world, commands, &scene.blas);
+    commands_barrier(commands);
+    commands_trace(world, commands, &scene.tracer, scene.tlas.handle, 1);
+    commands_barrier(commands);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    scene_destroy(world, &scene);
+}
+
+static void never_built(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_MAYBE, TRACE_BY_WRITE);
+    struct structure tlas = tlas_create(world, 1);
+    tracer_refer(world, &scene.tracer, tlas.handle);
+    trace(world, &scene, 1);
+    structure_destroy(world, &tlas);
+    scene_destroy(world, &scene);
+}
+
+static void nothing_dispatched(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    struct structure tlas = tlas_create(world, 1);
+    tracer_refer(world, &scene.tracer, tlas.handle);
+    trace(world, &scene, 0);
+    assert_int_equal(messages_find(world, "use.tlas_never_built_bound")->severity, VK_DEBUG_UTILS_MESSAGE_SEVERITY_INFO_BIT_EXT);
+    structure_destroy(world, &tlas);
+    scene_destroy(world, &scene);
+}
+
+static const struct {
+    const char *name;
+    const char *rule;
+    uint32_t findings;
+    void (*run)(struct world *world);
+} rows[] = {
+    {"valid, every way into a descriptor", "use.blas_destroyed", 0, valid},
+    {"BLAS destroyed, every way into a descriptor", "use.blas_destroyed", TRACE_WAYS, destroyed},
+    {"destroyed, and both built anew", "use.blas_destroyed", 0, destroyed_and_built_anew},
+    {"TLAS without it, then destroyed", "use.blas_destroyed", 0, dropped_before_destroyed},
+    {"destroyed after the trace", "use.blas_destroyed", 0, destroyed_after_the_trace},
+    {"buffer destroyed", "use.blas_destroyed_bound", 1, buffer_gone},
+    {"memory freed", "use.blas_destroyed_bound", 1, memory_gone},
+    {"compacted away", "use.blas_destroyed", 1, compacted_away},
+    {"a branch that is not taken", "use.blas_destroyed_bound", 1, branch_not_taken},
+    {"an array of descriptors", "use.blas_destroyed", 0, array_of_descriptors},
+    {"BLAS rebuilt", "use.blas_rebuilt", 1, rebuilt},
+    {"BLAS rebuilt with the TLAS", "use.blas_rebuilt", 0, rebuilt_with_the_tlas},
+    {"BLAS updated between build and trace", "use.blas_rebuilt", 1, updated_between_build_and_trace},
+    {"never built", "use.tlas_never_built_bound", 1, never_built},
+    {"a dispatch of nothing", "use.tlas_never_built_bound", 1, nothing_dispatched},
+};
+
+static void every_row(void **state)
+{
+    (void)state;
+    const char *only = getenv("ROW");
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        if (only && strcmp(only, rows[i].name) != 0)
+            continue;
+        struct world *world = calloc(1, sizeof *world);
+        print_message("    %s\n", rows[i].name);
+        world_init(world, NULL);
+        world->rule = rows[i].rule;
+        rows[i].run(world);
+        expect_findings(world, rows[i].findings);
+        world_finish(world);
+        free(world);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row)};
+    return cmocka_run_group_tests_name("use", tests, NULL, NULL);
+}
