@@ -91,6 +91,8 @@ bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT
 const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve);
 const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *curve, enum gn_ref_tier tier);
 
+#define GN_CASE_ERROR_BINS 66
+
 /* What a case has come to; filled by the functions below, read by the runner and the reports. */
 struct gn_case_result {
     enum gn_case_status status;
@@ -100,7 +102,13 @@ struct gn_case_result {
     uint64_t ideal_hits;
     uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
     double hit_error_median, hit_error_p999, hit_error_max; /* units of 2^-24, over hits */
+    /* How many of these fall where: bin 0 has errors of 0, bin 1 those below 2^-8, and every further one reaches 2^(1/4) times as far. */
+    uint64_t hit_error_bins[GN_CASE_ERROR_BINS];
     double margin_max;
+    uint64_t answers; /* a digest of all that the driver answered, in order */
+    /* One per ray: the decisions in the upper half, the numbers in the lower; malloc'ed. */
+    uint32_t *digests;
+    size_t digest_count;
     struct gn_case_curve curve; /* of a sweep, whose sums above are those of the judged values alone */
     bool has_offender;
     struct gn_case_offender offender;
@@ -142,6 +150,9 @@ void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, en
 void gn_case_judge(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width,
                    const struct gn_cts_answers *answers);
+
+/* Adds the answers of a trace to the case's digests; gn_case_trace() and gn_case_judge() do. */
+void gn_case_digest(struct gn_case_run *run, const struct gn_cts_answers *answers, uint32_t ray_count);
 
 /*
  * Sweeps: names the curve, whose texts have to outlive the run, and makes room for `count` points; then everything

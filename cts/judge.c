@@ -400,6 +400,7 @@ static void judge_rays(struct gn_case_run *run, const struct gn_cts_scene *scene
     result->image = NULL;
     if (run->only_ray < 0)
         image_begin(run, ray_count, width);
+    gn_case_digest(run, answers, end - first);
     for (uint32_t i = 0; i < end - first; i++)
         judge_ray(run, judge, reference, program, rays + first, i, answers, run->only_ray < 0);
     char error[320];
@@ -467,6 +468,14 @@ static void samples_distribution(struct gn_case_samples *samples, double *out_me
     *out_max = (double)samples->values[last];
 }
 
+static void samples_bins(const struct gn_case_samples *samples, uint64_t bins[GN_CASE_ERROR_BINS])
+{
+    for (size_t i = 0; i < samples->count; i++) {
+        double value = (double)samples->values[i], at = value > 0 ? floor(4 * (log2(value) + 8)) + 2 : 0;
+        bins[value > 0 ? (size_t)fmin(fmax(at, 1), GN_CASE_ERROR_BINS - 1) : 0]++;
+    }
+}
+
 bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT])
 {
     return class_counts[GN_REF_LEAK] || class_counts[GN_REF_DOUBLE_HIT] || class_counts[GN_REF_WRONG];
@@ -531,6 +540,7 @@ void gn_case_run_end(struct gn_case_run *run)
     uint64_t leaks = result->class_counts[GN_REF_LEAK] + result->class_counts[GN_REF_DOUBLE_HIT];
     char value[256];
     samples_distribution(run->samples, &result->hit_error_median, &result->hit_error_p999, &result->hit_error_max);
+    samples_bins(run->samples, result->hit_error_bins);
     if (wrong)
         gn_case_fail(run, "%llu of %llu rays wrong; ray %u of trace %u%s %s", (unsigned long long)wrong,
                      (unsigned long long)result->rays, offender->ray_index, offender->trace,
@@ -572,6 +582,7 @@ void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint6
 void gn_case_run_finish(struct gn_case_run *run)
 {
     free(run->result.image);
+    free(run->result.digests);
     run->result.image = NULL;
     if (run->samples)
         free(run->samples->values);

@@ -30,7 +30,9 @@ struct gn_results_case {
     uint64_t rays, ideal_hits;
     uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
     double hit_error_median, hit_error_p999, hit_error_max;
+    uint64_t hit_error_bins[GN_CASE_ERROR_BINS]; /* as in gn_case_result */
     double margin_max;
+    uint64_t answers; /* a digest of what the driver answered; 0 where it answered nothing */
     struct gn_case_curve curve; /* no points but for a sweep */
     const char *message;
     const char *output; /* the end of what the driver printed, for a case that did not pass */

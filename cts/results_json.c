@@ -245,6 +245,19 @@ static void curve_encode(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct
     }
 }
 
+/* Without the empty bins at the end. */
+static void put_bins(yyjson_mut_doc *doc, yyjson_mut_val *object, const uint64_t bins[GN_CASE_ERROR_BINS])
+{
+    size_t count = GN_CASE_ERROR_BINS;
+    while (count && !bins[count - 1])
+        count--;
+    if (!count)
+        return;
+    yyjson_mut_val *list = yyjson_mut_obj_add_arr(doc, object, "hit_error_bins");
+    for (size_t i = 0; i < count; i++)
+        yyjson_mut_arr_add_uint(doc, list, bins[i]);
+}
+
 char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_length)
 {
     yyjson_mut_doc *doc = yyjson_mut_doc_new(NULL);
@@ -261,7 +274,13 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
     put_uint(doc, root, "ideal_hits", cs->ideal_hits);
     put_classes(doc, root, cs->class_counts);
     put_hit_error(doc, root, cs->hit_error_median, cs->hit_error_p999, cs->hit_error_max);
+    put_bins(doc, root, cs->hit_error_bins);
     put_real(doc, root, "margin_max", cs->margin_max);
+    if (cs->answers) {
+        char digest[24];
+        snprintf(digest, sizeof digest, "%016" PRIx64, cs->answers);
+        put_text(doc, root, "answers", digest);
+    }
     if (cs->curve.count)
         curve_encode(doc, root, &cs->curve);
     if (cs->outcome != GN_OUTCOME_AS_EXPECTED)
@@ -479,6 +498,10 @@ bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *ar
     out->ideal_hits = get_uint(root, "ideal_hits");
     get_classes(root, out->class_counts);
     get_hit_error(root, &out->hit_error_median, &out->hit_error_p999, &out->hit_error_max);
+    yyjson_val *bins = yyjson_obj_get(root, "hit_error_bins");
+    for (size_t i = 0; i < GN_CASE_ERROR_BINS; i++)
+        out->hit_error_bins[i] = yyjson_get_uint(yyjson_arr_get(bins, i));
+    out->answers = strtoull(get_text(root, "answers", arena), NULL, 16);
     curve_decode(root, arena, &out->curve);
     out->margin_max = get_real(root, "margin_max");
     out->expected = get_text(root, "expected", arena);

@@ -52,12 +52,14 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
         .hit_error_p999 = r->hit_error_p999,
         .hit_error_max = r->hit_error_max,
         .margin_max = r->margin_max,
+        .answers = r->answers,
         .curve = r->curve,
         .message = r->message,
         .has_offender = r->has_offender,
         .offender = r->offender,
     };
     memcpy(out->class_counts, r->class_counts, sizeof out->class_counts);
+    memcpy(out->hit_error_bins, r->hit_error_bins, sizeof out->hit_error_bins);
     if (gn_case_status_is_failure(r->status) && r->image && r->image_width && r->image_height) {
         out->image = r->image;
         out->picture_width = r->image_width;
@@ -97,6 +99,20 @@ static bool test_fault(const char *name)
     return false;
 }
 
+/* `gnomon gate` compares drivers ray by ray: it names a folder for the digests of their answers. */
+static bool keep_answers(const char *name, const struct gn_case_result *result)
+{
+    const char *folder = getenv("GNOMON_ANSWERS");
+    char path[4096], error[1024];
+    if (!folder || !*folder || !result->digest_count)
+        return true;
+    snprintf(path, sizeof path, "%s/%s.bin", folder, name);
+    if (gn_file_write(path, result->digests, result->digest_count * sizeof *result->digests, error, sizeof error))
+        return true;
+    fprintf(stderr, "gnomon: %s\n", error);
+    return false;
+}
+
 static bool run_case(const struct gn_selected *selected, struct gn_device *device, uint64_t seed,
                      double scale, bool *out_go_on)
 {
@@ -114,8 +130,8 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     result.family = gn_case_family_name(selected->self->name, &run.arena);
     char *text = gn_results_case_encode(&result, &length);
     *out_go_on = run.result.status != GN_CASE_ERROR;
+    bool ok = text && keep_answers(selected->name, &run.result) && answer('C', text, length);
     gn_case_run_finish(&run);
-    bool ok = text && answer('C', text, length);
     free(text);
     return ok;
 }
