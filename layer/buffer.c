@@ -4,29 +4,11 @@
 #include "layer/layer.h"
 
 #include <stdlib.h>
-#include <string.h>
 
 #define BUILD_INPUT VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR
 #define STORAGE VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR
 #define ADDRESS VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT
 #define COPY_FROM VK_BUFFER_USAGE_TRANSFER_SRC_BIT
-
-/* What may stand before VkBufferUsageFlags2CreateInfo in the chain. To change that structure, the chain up to it has to
- * be copied, and for that the sizes must be known; the application's memory is never written. */
-static const struct {
-    VkStructureType type;
-    size_t size;
-} chain_sizes[] = {
-    {VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO, sizeof(VkBufferUsageFlags2CreateInfo)},
-    {VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_CREATE_INFO_EXT, sizeof(VkBufferDeviceAddressCreateInfoEXT)},
-    {VK_STRUCTURE_TYPE_BUFFER_OPAQUE_CAPTURE_ADDRESS_CREATE_INFO, sizeof(VkBufferOpaqueCaptureAddressCreateInfo)},
-    {VK_STRUCTURE_TYPE_DEDICATED_ALLOCATION_BUFFER_CREATE_INFO_NV, sizeof(VkDedicatedAllocationBufferCreateInfoNV)},
-    {VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO, sizeof(VkExternalMemoryBufferCreateInfo)},
-    {VK_STRUCTURE_TYPE_OPAQUE_CAPTURE_DESCRIPTOR_DATA_CREATE_INFO_EXT, sizeof(VkOpaqueCaptureDescriptorDataCreateInfoEXT)},
-    {VK_STRUCTURE_TYPE_VIDEO_PROFILE_LIST_INFO_KHR, sizeof(VkVideoProfileListInfoKHR)},
-};
-
-#define PATCH_BYTES 512
 
 /* A creation info with transfer usage added, in storage of its own. */
 struct patched {
@@ -35,40 +17,17 @@ struct patched {
     bool changed;
     bool can_copy;
     bool external;
-    union {
-        unsigned char bytes[PATCH_BYTES];
-        uint64_t align;
-    } chain;
+    struct gn_chain_copy chain;
 };
-
-static size_t size_in_chain(VkStructureType type)
-{
-    for (size_t i = 0; i < sizeof chain_sizes / sizeof chain_sizes[0]; i++)
-        if (chain_sizes[i].type == type)
-            return chain_sizes[i].size;
-    return 0;
-}
 
 static bool copy_chain(struct patched *out)
 {
-    const VkBaseInStructure *in = out->info.pNext;
-    const void **link = &out->info.pNext;
-    size_t used = 0;
-    for (; in; in = in->pNext) {
-        size_t size = size_in_chain(in->sType);
-        if (!size || used + size > PATCH_BYTES)
-            return false;
-        VkBaseInStructure *copy = (VkBaseInStructure *)(void *)(out->chain.bytes + used);
-        memcpy(copy, in, size);
-        *link = copy;
-        link = (const void **)&copy->pNext;
-        used += (size + 7) & ~(size_t)7;
-        if (in->sType == VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO) {
-            ((VkBufferUsageFlags2CreateInfo *)(void *)copy)->usage |= COPY_FROM;
-            return true; /* the rest of the chain is the application's, unchanged */
-        }
-    }
-    return false;
+    out->chain.used = 0;
+    VkBufferUsageFlags2CreateInfo *usage =
+        gn_chain_copy(&out->info.pNext, VK_STRUCTURE_TYPE_BUFFER_USAGE_FLAGS_2_CREATE_INFO, &out->chain);
+    if (usage)
+        usage->usage |= COPY_FROM;
+    return usage != NULL;
 }
 
 /* Memory shared with another API or process must be described the same on both sides: such a buffer stays as it is. */
@@ -86,10 +45,8 @@ static void patch(const VkBufferCreateInfo *info, struct patched *out)
     if (out->can_copy || !(out->usage & BUILD_INPUT) || out->external ||
         (info->flags & VK_BUFFER_CREATE_PROTECTED_BIT))
         return;
-    if (wide && !copy_chain(out)) {
-        out->info.pNext = info->pNext;
+    if (wide && !copy_chain(out))
         return;
-    }
     if (!wide)
         out->info.usage |= COPY_FROM;
     out->changed = out->can_copy = true;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Devices: which of them the layer watches, and their end. */
-#include "layer/layer.h"
+#include "layer/shader.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -126,7 +126,13 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
         return VK_ERROR_OUT_OF_HOST_MEMORY;
 
     link->u.pLayerInfo = link->u.pLayerInfo->pNext;
-    VkResult result = create(physical, info, allocator, out);
+    struct gn_device_wish wish;
+    bool wishes = instance->settings.shader_checks != GN_SHADERS_OFF && wants_structures(info);
+    if (wishes)
+        gn_device_wish_init(&wish, instance, physical, info);
+    VkResult result = create(physical, wishes ? &wish.info : info, allocator, out);
+    if (wishes)
+        gn_device_wish_finish(&wish);
     if (result != VK_SUCCESS)
         goto fail;
     device->handle = *out;
@@ -158,6 +164,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
         }
         note_families(device, info);
         instance->next.GetPhysicalDeviceMemoryProperties(physical, &device->memory);
+        if (wishes && !gn_shaders_init(device, &wish))
+            gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
     }
     atomic_fetch_add(device->tracked ? &instance->tracked_devices : &instance->passed_devices, 1);
     return VK_SUCCESS;
@@ -174,6 +182,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyDevice(VkDevice handle, const VkAlloc
         return;
     if (device->tracked) {
         gn_queues_finish(device);
+        gn_shaders_finish(device);
         gn_lock(device);
         gn_command_buffers_finish(device);
         gn_staging_finish(device);
@@ -206,6 +215,10 @@ static char **name_of(struct gn_device *device, VkObjectType type, uint64_t hand
         struct gn_queue *queue = gn_queue_get(device, (VkQueue)(uintptr_t)handle);
         return queue ? &queue->name : NULL;
     }
+    case VK_OBJECT_TYPE_SHADER_MODULE:
+    case VK_OBJECT_TYPE_PIPELINE:
+    case VK_OBJECT_TYPE_SHADER_EXT:
+        return gn_pipeline_name(device, type, handle);
     default:
         return NULL;
     }

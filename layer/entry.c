@@ -75,14 +75,6 @@ void gn_device_forget(struct gn_device *device)
     leave(&devices, (uint64_t)(uintptr_t)device->key);
 }
 
-const void *gn_chain_find(const void *chain, VkStructureType type)
-{
-    for (const VkBaseInStructure *in = chain; in; in = in->pNext)
-        if (in->sType == type)
-            return in;
-    return NULL;
-}
-
 struct named_entry {
     const char *name;
     PFN_vkVoidFunction entry;

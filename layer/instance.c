@@ -33,6 +33,9 @@ static void instance_free(struct gn_instance *instance)
     gn_log_close(instance->log);
     gn_sarif_close(instance->sarif);
     gn_settings_finish(&instance->settings);
+    for (uint32_t i = 0; i < instance->stated_count; i++)
+        free(instance->stated[i]);
+    free(instance->stated);
     free(instance->messengers);
     pthread_mutex_destroy(&instance->lock);
     free(instance);

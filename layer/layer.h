@@ -93,6 +93,9 @@ struct gn_instance {
     uint32_t unjudged_extension_count;
     unsigned long long evaluated[256];   /* per rule of the catalogue */
     unsigned long long findings, sites_reported;
+    char **stated;                       /* of shaders, for the closing statement: JSON objects */
+    uint32_t stated_count;
+    bool stated_left_out;                /* there were more */
     bool closed;
 };
 
@@ -382,6 +385,7 @@ struct gn_device {
     VkDeviceSize idle_staging;
     VkFence *fences; /* the layer's own, not in use by a submission it still watches */
     uint32_t fence_count, fence_capacity;
+    struct gn_shaders *shaders; /* shader.h; NULL: shaders are left alone. Set as long as the device lives */
 };
 
 /* entry.c: from a dispatchable handle to the state; NULL when the layer does not know it. */
@@ -391,7 +395,17 @@ bool gn_instance_register(struct gn_instance *instance);
 void gn_instance_forget(struct gn_instance *instance);
 bool gn_device_register(struct gn_device *device);
 void gn_device_forget(struct gn_device *device);
+
+/* chain.c: the structure of that type in a pNext chain, NULL if there is none. */
 const void *gn_chain_find(const void *chain, VkStructureType type);
+#define GN_CHAIN_BYTES 8192
+struct gn_chain_copy {
+    size_t used; /* 0 before the first copy */
+    uint64_t bytes[GN_CHAIN_BYTES / 8];
+};
+/* Copies the chain up to the first structure of that type, so that it can be changed, makes *chain begin with the copies, and returns the
+ * copy of the structure. NULL if it is not there, or behind one whose size is not known; then *chain is as it was. */
+void *gn_chain_copy(const void **chain, VkStructureType type, struct gn_chain_copy *storage);
 
 /* instance.c: of every instance alive. Closing is for the end of the process: nothing of Vulkan is called, and no messenger. */
 void gn_instances_close(const char *ending);
@@ -547,6 +561,9 @@ void gn_report_suspect(struct gn_instance *instance, const struct gn_suspect *su
 void gn_report_confirm(struct gn_instance *instance, struct gn_pending_finding *finding, struct gn_findings *out);
 struct gn_pending_finding *gn_findings_take(struct gn_findings *findings);
 void gn_findings_init(struct gn_findings *findings);
+/* A finding that happened `times` times at that site: counts it, and adds it to `out` if it is new. */
+void gn_report_found(struct gn_instance *instance, const struct gn_finding *finding, uint64_t site, uint64_t times,
+                     struct gn_findings *out);
 /* Runs the rules, collecting what is new and counting what is known. */
 void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out);
 /* Gives the findings to every sink and empties the list. Without any lock. */

@@ -202,29 +202,22 @@ struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count)
     return uses;
 }
 
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShaderModule(VkDevice handle, const VkShaderModuleCreateInfo *info,
-                                                           const VkAllocationCallbacks *allocator, VkShaderModule *out)
+void gn_uses_module_created(struct gn_device *device, VkShaderModule module, const VkShaderModuleCreateInfo *info)
 {
-    struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.CreateShaderModule(handle, info, allocator, out);
-    struct gn_static_uses *uses = result == VK_SUCCESS ? gn_static_uses_scan(info->pCode, info->codeSize / 4) : NULL;
+    struct gn_static_uses *uses = gn_static_uses_scan(info->pCode, info->codeSize / 4);
     if (!uses)
-        return result;
+        return;
     gn_lock(device);
-    if (!uses->count || !gn_map_put(&device->modules, (uint64_t)*out, uses))
+    if (!uses->count || !gn_map_put(&device->modules, (uint64_t)module, uses))
         gn_static_uses_release(uses);
     gn_unlock(device);
-    return result;
 }
 
-VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyShaderModule(VkDevice handle, VkShaderModule module,
-                                                        const VkAllocationCallbacks *allocator)
+void gn_uses_module_destroyed(struct gn_device *device, VkShaderModule module)
 {
-    struct gn_device *device = gn_device_of(handle);
     gn_lock(device);
     gn_static_uses_release(gn_map_take(&device->modules, (uint64_t)module));
     gn_unlock(device);
-    device->next.DestroyShaderModule(handle, module, allocator);
 }
 
 /* Adds what a stage or a library traces through to what the pipeline does; the old list is given up. */
@@ -275,47 +268,34 @@ static void remember(struct gn_device *device, VkPipeline pipeline, struct gn_st
     atomic_store_explicit(&device->traces, true, memory_order_release);
 }
 
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, VkPipelineCache cache, uint32_t count,
-                                                               const VkComputePipelineCreateInfo *infos,
-                                                               const VkAllocationCallbacks *allocator, VkPipeline *out)
+void gn_uses_compute_created(struct gn_device *device, uint32_t count, const VkComputePipelineCreateInfo *infos,
+                             const VkPipeline *pipelines)
 {
-    struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.CreateComputePipelines(handle, cache, count, infos, allocator, out);
     gn_lock(device);
-    for (uint32_t i = 0; result >= 0 && i < count; i++)
-        remember(device, out[i], joined_stage(device, NULL, &infos[i].stage));
+    for (uint32_t i = 0; i < count; i++)
+        remember(device, pipelines[i], joined_stage(device, NULL, &infos[i].stage));
     gn_unlock(device);
-    return result;
 }
 
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle, VkPipelineCache cache, uint32_t count,
-                                                                const VkGraphicsPipelineCreateInfo *infos,
-                                                                const VkAllocationCallbacks *allocator, VkPipeline *out)
+void gn_uses_graphics_created(struct gn_device *device, uint32_t count, const VkGraphicsPipelineCreateInfo *infos,
+                              const VkPipeline *pipelines)
 {
-    struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.CreateGraphicsPipelines(handle, cache, count, infos, allocator, out);
     gn_lock(device);
-    for (uint32_t i = 0; result >= 0 && i < count; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         struct gn_static_uses *uses = NULL;
         for (uint32_t s = 0; s < infos[i].stageCount; s++)
             uses = joined_stage(device, uses, &infos[i].pStages[s]);
-        remember(device, out[i], joined_libraries(device, uses, gn_chain_find(infos[i].pNext,
-                                                                             VK_STRUCTURE_TYPE_PIPELINE_LIBRARY_CREATE_INFO_KHR)));
+        remember(device, pipelines[i],
+                 joined_libraries(device, uses, gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_PIPELINE_LIBRARY_CREATE_INFO_KHR)));
     }
     gn_unlock(device);
-    return result;
 }
 
-/* Under a deferred operation the pipelines are not there yet, and nothing is known of them. */
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice handle, VkDeferredOperationKHR deferred,
-                                                                     VkPipelineCache cache, uint32_t count,
-                                                                     const VkRayTracingPipelineCreateInfoKHR *infos,
-                                                                     const VkAllocationCallbacks *allocator, VkPipeline *out)
+void gn_uses_rays_created(struct gn_device *device, uint32_t count, const VkRayTracingPipelineCreateInfoKHR *infos,
+                          const VkPipeline *pipelines)
 {
-    struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.CreateRayTracingPipelinesKHR(handle, deferred, cache, count, infos, allocator, out);
     gn_lock(device);
-    for (uint32_t i = 0; result >= 0 && result != VK_OPERATION_DEFERRED_KHR && i < count; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         struct gn_static_uses *uses = NULL;
         uint32_t raygens = 0;
         for (uint32_t s = 0; s < infos[i].stageCount; s++) {
@@ -325,20 +305,16 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice ha
         uses = joined_libraries(device, uses, infos[i].pLibraryInfo);
         if (uses)
             uses->one_raygen = raygens == 1 && (!infos[i].pLibraryInfo || !infos[i].pLibraryInfo->libraryCount);
-        remember(device, out[i], uses);
+        remember(device, pipelines[i], uses);
     }
     gn_unlock(device);
-    return result;
 }
 
-VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyPipeline(VkDevice handle, VkPipeline pipeline,
-                                                    const VkAllocationCallbacks *allocator)
+void gn_uses_pipeline_destroyed(struct gn_device *device, VkPipeline pipeline)
 {
-    struct gn_device *device = gn_device_of(handle);
     gn_lock(device);
     gn_static_uses_release(gn_map_take(&device->pipelines, (uint64_t)pipeline));
     gn_unlock(device);
-    device->next.DestroyPipeline(handle, pipeline, allocator);
 }
 
 VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBindPipeline(VkCommandBuffer handle, VkPipelineBindPoint point, VkPipeline pipeline)

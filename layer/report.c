@@ -43,29 +43,34 @@ static void recount(struct gn_instance *instance, const struct gn_site *site)
         gn_sarif_recount(instance->sarif, site->sarif_place, site->count);
 }
 
-static bool repeated(void *context, const struct gn_rule *rule, uint64_t key)
+static bool count_site(struct gn_instance *instance, uint64_t key, uint64_t times)
 {
-    struct gn_instance *instance = ((struct collector *)context)->instance;
-    (void)rule;
     bool known = true;
     pthread_mutex_lock(&instance->lock);
     struct gn_site *site = gn_map_get(&instance->sites, key);
-    instance->findings++;
+    instance->findings += times;
     if (site) {
-        site->count++;
-        if ((site->count & (site->count - 1)) == 0)
+        uint64_t before = site->count;
+        site->count += times;
+        if ((before ^ site->count) > before) /* a higher bit */
             recount(instance, site);
     } else {
         known = false;
         site = malloc(sizeof *site);
         if (site) {
-            *site = (struct gn_site){.count = 1, .place = -1, .sarif_place = -1};
+            *site = (struct gn_site){.count = times, .place = -1, .sarif_place = -1};
             if (!gn_map_put(&instance->sites, key, site))
                 free(site);
         }
     }
     pthread_mutex_unlock(&instance->lock);
     return known;
+}
+
+static bool repeated(void *context, const struct gn_rule *rule, uint64_t key)
+{
+    (void)rule;
+    return count_site(((struct collector *)context)->instance, key, 1);
 }
 
 static void collect(void *context, uint64_t site, const struct gn_finding *finding)
@@ -103,6 +108,14 @@ void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *b
     for (size_t i = 0; i < gn_rules_count(); i++)
         instance->evaluated[i] += gn_rule_set_has(&report.evaluated, i);
     pthread_mutex_unlock(&instance->lock);
+}
+
+void gn_report_found(struct gn_instance *instance, const struct gn_finding *finding, uint64_t site, uint64_t times,
+                     struct gn_findings *out)
+{
+    struct collector collector = {instance, out};
+    if (!count_site(instance, site, times))
+        collect(&collector, site, finding);
 }
 
 struct gn_pending_finding *gn_findings_take(struct gn_findings *findings)
@@ -177,6 +190,12 @@ static VkObjectType object_type(enum gn_object_kind kind)
         return VK_OBJECT_TYPE_QUEUE;
     case GN_OBJECT_DEVICE:
         return VK_OBJECT_TYPE_DEVICE;
+    case GN_OBJECT_PIPELINE:
+        return VK_OBJECT_TYPE_PIPELINE;
+    case GN_OBJECT_SHADER_MODULE:
+        return VK_OBJECT_TYPE_SHADER_MODULE;
+    case GN_OBJECT_SHADER:
+        return VK_OBJECT_TYPE_SHADER_EXT;
     default:
         return VK_OBJECT_TYPE_UNKNOWN;
     }
@@ -323,6 +342,9 @@ static void add_statement(struct gn_instance *instance, struct gn_text *text, co
     for (size_t i = 0; i < gn_rules_count(); i++)
         gn_text_add(text, "%s{\"rule\":\"%s\",\"evaluated\":%llu}", i ? "," : "", gn_rules_at(i)->id,
                     instance->evaluated[i]);
+    gn_text_add(text, "],\"shaders\":[");
+    for (uint32_t i = 0; i < instance->stated_count; i++)
+        gn_text_add(text, "%s%s", i ? "," : "", instance->stated[i]);
     gn_text_add(text, "]}}");
 }
 

@@ -4,6 +4,8 @@
  * is checked here too. */
 #include "layer/settings.h"
 
+#include "checks/spirv/spirv.h"
+
 #include <errno.h>
 #include <signal.h>
 #include <stdarg.h>
@@ -127,6 +129,11 @@ static void put_rules(struct gn_settings *out, const char *key, const char *cons
                 gn_rule_set_put(&out->rules, i, on);
                 matched = true;
             }
+        for (int i = 0; i < GN_SPIRV_RULE_COUNT; i++)
+            if (gn_rule_matches(&(struct gn_rule){.id = gn_spirv_rule_at((enum gn_spirv_rule_index)i)->id}, patterns[p])) {
+                out->shader_rules_off = on ? out->shader_rules_off & ~(UINT64_C(1) << i) : out->shader_rules_off | UINT64_C(1) << i;
+                matched = true;
+            }
         if (!matched)
             warn(out, "%s: \"%s\" matches no rule. `gnomon rules` lists their ids.", key, patterns[p]);
     }
@@ -139,8 +146,10 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
         bool any = false;
         for (uint32_t i = 0; i < count; i++)
             any |= *values[i] != '\0';
-        if (any)
+        if (any) {
             out->rules = (struct gn_rule_set){{0}};
+            out->shader_rules_off = ~UINT64_C(0);
+        }
         put_rules(out, key, values, count, true);
         return;
     }
@@ -180,6 +189,14 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
     } else if (strcmp(key, "profile") == 0) {
         if (!gn_profile_parse(value, &out->profile))
             warn(out, "profile: expected vulkan, wgpu, webgpu-rt, diligent or hgi, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "shader_checks") == 0) {
+        static const char *const names[] = {"off", "static", "on", "unproved"};
+        for (size_t i = 0; i < sizeof names / sizeof names[0]; i++)
+            if (strcmp(value, names[i]) == 0) {
+                out->shader_checks = (enum gn_shader_checks)i;
+                return;
+            }
+        warn(out, "shader_checks: expected off, static, on or unproved, found \"%s\". The default is used.", value);
     } else if (strcmp(key, "instance_cap") == 0) {
         if (!parse_count(value, &out->instance_cap))
             warn(out, "instance_cap: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);

@@ -14,6 +14,8 @@
 #define GN_SETTINGS_FILE_PREFIX "gnomon_ray_tracing."
 #define GN_SETTINGS_ENV_PREFIX "VK_GNOMON_RAY_TRACING_"
 
+enum gn_shader_checks { GN_SHADERS_OFF, GN_SHADERS_STATIC, GN_SHADERS_ON, GN_SHADERS_UNPROVED };
+
 struct gn_settings {
     char *log_file; /* NULL: no log; %p already replaced */
     char *sarif_file; /* the same */
@@ -24,6 +26,8 @@ struct gn_settings {
     enum gn_severity severity_floor;
     enum gn_profile profile;
     struct gn_rule_set rules;
+    enum gn_shader_checks shader_checks;
+    uint64_t shader_rules_off; /* a bit per rule about shaders */
     uint32_t instance_cap;
     bool masks_declared;
     uint64_t declared_masks[4]; /* one bit per mask */

@@ -2,6 +2,7 @@
 /* Submission: recordings are replayed in the order of submission, TLAS builds wait for the completion of what they are
  * part of, and are then judged. Completion is seen through the application's fence, or one of the layer's where it gave
  * none; nothing is submitted in addition. */
+#include "layer/shader.h"
 #include "layer/use.h"
 
 #include <stdio.h>
@@ -682,6 +683,7 @@ static bool advance(struct gn_device *device, struct gn_queue *queue, struct gn_
 void gn_device_collect(struct gn_device *device)
 {
     struct gn_findings findings;
+    gn_shaders_read(device, false, false);
     if (!atomic_load_explicit(&device->pending, memory_order_acquire))
         return;
     gn_findings_init(&findings);

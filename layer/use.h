@@ -25,6 +25,18 @@ struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count);
 struct gn_static_uses *gn_static_uses_keep(struct gn_static_uses *uses);
 void gn_static_uses_release(struct gn_static_uses *uses);
 
+/* What was created, as the application described it; called by pipeline.c without any lock. */
+void gn_uses_module_created(struct gn_device *device, VkShaderModule module, const VkShaderModuleCreateInfo *info);
+void gn_uses_module_destroyed(struct gn_device *device, VkShaderModule module);
+void gn_uses_compute_created(struct gn_device *device, uint32_t count, const VkComputePipelineCreateInfo *infos,
+                             const VkPipeline *pipelines);
+void gn_uses_graphics_created(struct gn_device *device, uint32_t count, const VkGraphicsPipelineCreateInfo *infos,
+                              const VkPipeline *pipelines);
+/* Not under a deferred operation: the pipelines are not there yet then, and nothing is known of them. */
+void gn_uses_rays_created(struct gn_device *device, uint32_t count, const VkRayTracingPipelineCreateInfoKHR *infos,
+                          const VkPipeline *pipelines);
+void gn_uses_pipeline_destroyed(struct gn_device *device, VkPipeline pipeline);
+
 /* The bindings of a layout that hold acceleration structures; a layout without any is not remembered. */
 struct gn_as_binding {
     uint32_t binding, elements;

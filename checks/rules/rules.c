@@ -30,7 +30,8 @@ static const char *const profile_names[] = {
 static const char *const severity_names[] = {"silent", "note", "warning", "error"};
 
 static const char *const object_kind_names[] = {"object",         "BLAS",  "TLAS",  "acceleration structure", "buffer",
-                                                "command buffer", "queue", "device"};
+                                                "command buffer", "queue", "device",
+                                                "pipeline",       "shader module", "shader object"};
 
 _Static_assert(sizeof severity_names / sizeof severity_names[0] == GN_SEVERITY_COUNT, "one name per severity");
 _Static_assert(sizeof object_kind_names / sizeof object_kind_names[0] == GN_OBJECT_KIND_COUNT, "one name per kind");

@@ -22,6 +22,9 @@ enum gn_object_kind {
     GN_OBJECT_COMMAND_BUFFER,
     GN_OBJECT_QUEUE,
     GN_OBJECT_DEVICE,
+    GN_OBJECT_PIPELINE,
+    GN_OBJECT_SHADER_MODULE,
+    GN_OBJECT_SHADER, /* a shader object */
     GN_OBJECT_KIND_COUNT
 };
 

@@ -303,8 +303,8 @@ void launch_depth_leave(struct writer *writer)
     atomic_add(writer, writer->depth_word, constant_uint(writer, UINT32_MAX));
 }
 
-/* Looks the module's buffer up in the table; the one without room when it is not there. */
-static void buffer_find(struct writer *writer)
+/* Looks the module's buffer up in the table; the one without room when it is not there. Returns the table. */
+static uint32_t buffer_find(struct writer *writer)
 {
     const struct gn_spirv_options *options = writer->analysis->options;
     uint32_t uint_ = type_uint(writer), bool_ = type_bool(writer), start, header = new_id(writer), next = new_id(writer);
@@ -316,10 +316,9 @@ static void buffer_find(struct writer *writer)
         root[i] = constant_uint(writer, (uint32_t)(options->root >> 32 * i));
         nowhere[i] = constant_uint(writer, (uint32_t)((options->root + 4 * GN_ROOT_EMPTY) >> 32 * i));
     }
-    writer->buffer = pointer_make(writer, root[0], root[1]);
+    uint32_t table = writer->buffer = pointer_make(writer, root[0], root[1]);
     uint32_t capacity = word_load(writer, constant_uint(writer, GN_ROOT_CAPACITY));
     uint32_t mask = COMPUTE(writer, SpvOpISub, uint_, capacity, one);
-    atomic_add(writer, constant_uint(writer, GN_ROOT_FIRED), one);
     start = writer->label;
     EMIT(&writer->out, SpvOpBranch, header);
     label_begin(writer, header);
@@ -350,6 +349,7 @@ static void buffer_find(struct writer *writer)
     uint32_t low = COMPUTE(writer, SpvOpSelect, uint_, found, words[2], nowhere[0]);
     uint32_t high = COMPUTE(writer, SpvOpSelect, uint_, found, words[3], nowhere[1]);
     writer->buffer = pointer_make(writer, low, high);
+    return table;
 }
 
 /*
@@ -373,10 +373,8 @@ void records_function(struct writer *writer)
              done = new_id(writer), check = new_id(writer), mask = new_id(writer), next_check = new_id(writer),
              next_mask = new_id(writer);
     label_begin(writer, start);
-    if (writer->analysis->options->root) {
-        buffer_find(writer);
-        start = writer->label;
-    }
+    uint32_t table = writer->analysis->options->root ? buffer_find(writer) : 0;
+    start = writer->label;
     uint32_t room = word_load(writer, zero);
     EMIT(out, SpvOpBranch, header);
     label_begin(writer, header);
@@ -416,6 +414,10 @@ void records_function(struct writer *writer)
     EMIT(out, SpvOpShiftRightLogical, uint_, next_mask, mask, one);
     EMIT(out, SpvOpBranch, header);
     label_begin(writer, done);
+    if (table) { /* last, for who sees it is to find the rest */
+        writer->buffer = table;
+        atomic_add(writer, constant_uint(writer, GN_ROOT_FIRED), one);
+    }
     EMIT_BARE(out, SpvOpReturn);
     EMIT_BARE(out, SpvOpFunctionEnd);
 }

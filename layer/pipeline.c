@@ -1,0 +1,416 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The ways of a shader to the driver: modules, modules inside of a pipeline's stages, libraries, and shader objects. What is made of
+ * shaders that the layer looks at is remembered, with its names, for findings and for the closing statement. */
+#include "layer/shader.h"
+#include "layer/use.h"
+
+#include <stdlib.h>
+#include <string.h>
+
+/* Memory that a call to the next layer reads; of a deferred operation, it has to stay. */
+struct gn_deferred {
+    struct gn_deferred *next;
+    uint64_t bytes[];
+};
+
+struct change {
+    struct gn_device *device;
+    struct gn_deferred *memory;
+};
+
+static void *change_alloc(struct change *change, size_t count, size_t size)
+{
+    struct gn_deferred *memory = size && count > (SIZE_MAX - sizeof *memory) / size ? NULL : calloc(1, sizeof *memory + count * size);
+    if (!memory)
+        return NULL;
+    memory->next = change->memory;
+    change->memory = memory;
+    return memory->bytes;
+}
+
+static void deferred_free(struct gn_deferred *memory)
+{
+    for (struct gn_deferred *next; memory; memory = next) {
+        next = memory->next;
+        free(memory);
+    }
+}
+
+static void change_finish(struct change *change, bool deferred)
+{
+    if (!deferred || !change->memory) {
+        deferred_free(change->memory);
+        return;
+    }
+    gn_lock(change->device);
+    struct gn_deferred **end = &change->device->shaders->deferred;
+    while (*end)
+        end = &(*end)->next;
+    *end = change->memory;
+    gn_unlock(change->device);
+}
+
+/* Shader objects and pipelines share a map. */
+static uint64_t map_key(uint64_t handle, bool is_object)
+{
+    return is_object ? ~handle : handle;
+}
+
+/* Modules */
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShaderModule(VkDevice handle, const VkShaderModuleCreateInfo *info,
+                                                           const VkAllocationCallbacks *allocator, VkShaderModule *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct gn_shader *shader = gn_shader_of(device, info->pCode, info->codeSize);
+    VkShaderModuleCreateInfo changed = *info;
+    if (shader && shader->result.words) {
+        changed.pCode = shader->result.words;
+        changed.codeSize = shader->result.word_count * 4;
+    }
+    VkResult result = device->next.CreateShaderModule(handle, &changed, allocator, out);
+    if (result == VK_SUCCESS)
+        gn_uses_module_created(device, *out, info);
+    struct gn_module *module = result == VK_SUCCESS && shader ? calloc(1, sizeof *module) : NULL;
+    if (!module)
+        return result;
+    *module = (struct gn_module){.handle = *out, .shader = shader};
+    gn_lock(device);
+    if (!gn_map_put(&device->shaders->modules, (uint64_t)*out, module))
+        free(module);
+    gn_unlock(device);
+    return result;
+}
+
+static void module_free(struct gn_module *module)
+{
+    if (module)
+        free(module->name);
+    free(module);
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyShaderModule(VkDevice handle, VkShaderModule module,
+                                                        const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (module)
+        gn_uses_module_destroyed(device, module);
+    if (module && device->shaders) {
+        gn_lock(device);
+        module_free(gn_map_take(&device->shaders->modules, (uint64_t)module));
+        gn_unlock(device);
+    }
+    device->next.DestroyShaderModule(handle, module, allocator);
+}
+
+/* Stages */
+
+/* What the stage runs. Where the stage has a module of its own that has to be another one, `stage` is changed. */
+static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCreateInfo *stage, bool *out_changed)
+{
+    struct gn_device *device = change->device;
+    struct gn_stage out = {.stage = stage->stage};
+    if (stage->module) {
+        gn_lock(device);
+        struct gn_module *module = gn_map_get(&device->shaders->modules, (uint64_t)stage->module);
+        if (module) {
+            out.shader = module->shader;
+            out.module_name = module->name ? strdup(module->name) : NULL;
+        }
+        gn_unlock(device);
+        return out;
+    }
+    const VkShaderModuleCreateInfo *own = gn_chain_find(stage->pNext, VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
+    if (!own) {
+        gn_tally_unjudged(device, GN_UNJUDGED_shader_identifiers, 1);
+        return out;
+    }
+    out.shader = gn_shader_of(device, own->pCode, own->codeSize);
+    if (!out.shader || !out.shader->result.words)
+        return out;
+    struct gn_chain_copy *storage = change_alloc(change, 1, sizeof *storage);
+    VkShaderModuleCreateInfo *copy =
+        storage ? gn_chain_copy(&stage->pNext, VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, storage) : NULL;
+    if (!copy) {
+        gn_tally_unjudged(device, GN_UNJUDGED_shader_chains, 1);
+        out.shader = NULL;
+        return out;
+    }
+    copy->pCode = out.shader->result.words;
+    copy->codeSize = out.shader->result.word_count * 4;
+    *out_changed = true;
+    return out;
+}
+
+/* One pipeline to be: what its stages run, and the stages to create it from. */
+struct plan {
+    uint32_t count;
+    struct gn_stage *stages;
+    const VkPipelineShaderStageCreateInfo *create;
+    const VkPipelineLibraryCreateInfoKHR *libraries;
+};
+
+static bool plan_make(struct change *change, struct plan *plan, uint32_t count, const VkPipelineShaderStageCreateInfo *stages)
+{
+    bool any = false;
+    plan->create = stages;
+    VkPipelineShaderStageCreateInfo *copies = change_alloc(change, count, sizeof *copies);
+    plan->stages = change_alloc(change, count, sizeof *plan->stages);
+    if (!copies || !plan->stages)
+        return false;
+    plan->count = count;
+    for (uint32_t i = 0; i < count; i++) {
+        copies[i] = stages[i];
+        plan->stages[i] = stage_look(change, &copies[i], &any);
+    }
+    if (any)
+        plan->create = copies;
+    return any;
+}
+
+static void pipeline_free(struct gn_pipeline *pipeline)
+{
+    for (uint32_t i = 0; i < pipeline->stage_count; i++)
+        free(pipeline->stages[i].module_name);
+    free(pipeline->name);
+    free(pipeline);
+}
+
+/* With the device locked: the stages of the libraries that a pipeline links. */
+static uint32_t library_stages(struct gn_device *device, const VkPipelineLibraryCreateInfoKHR *libraries, struct gn_stage *out)
+{
+    uint32_t count = 0;
+    for (uint32_t l = 0; libraries && l < libraries->libraryCount; l++) {
+        const struct gn_pipeline *library = gn_map_get(&device->shaders->pipelines, (uint64_t)libraries->pLibraries[l]);
+        for (uint32_t i = 0; library && i < library->stage_count; i++, count++)
+            if (out) {
+                out[count] = library->stages[i];
+                out[count].module_name = out[count].module_name ? strdup(out[count].module_name) : NULL;
+            }
+    }
+    return count;
+}
+
+/* Takes over the names of the plan's stages. */
+static void plan_done(struct gn_device *device, struct plan *plan, uint64_t handle, bool is_object)
+{
+    uint32_t own = 0;
+    for (uint32_t i = 0; i < plan->count; i++)
+        own += plan->stages[i].shader != NULL;
+    gn_lock(device);
+    uint32_t linked = handle ? library_stages(device, plan->libraries, NULL) : 0;
+    struct gn_pipeline *pipeline =
+        handle && own + linked ? calloc(1, sizeof *pipeline + (own + linked) * sizeof pipeline->stages[0]) : NULL;
+    if (pipeline) {
+        *pipeline = (struct gn_pipeline){.handle = handle, .is_object = is_object};
+        for (uint32_t i = 0; i < plan->count; i++)
+            if (plan->stages[i].shader) {
+                pipeline->stages[pipeline->stage_count++] = plan->stages[i];
+                plan->stages[i].module_name = NULL;
+            }
+        pipeline->stage_count += library_stages(device, plan->libraries, pipeline->stages + pipeline->stage_count);
+        struct gn_pipeline *old = gn_map_take(&device->shaders->pipelines, map_key(handle, is_object));
+        if (old)
+            pipeline_free(old);
+        if (!gn_map_put(&device->shaders->pipelines, map_key(handle, is_object), pipeline))
+            pipeline_free(pipeline);
+    }
+    gn_unlock(device);
+    for (uint32_t i = 0; i < plan->count; i++)
+        free(plan->stages[i].module_name);
+}
+
+/* A pipeline that was not made has no handle. */
+static void plans_done(struct gn_device *device, struct plan *plans, uint32_t count, VkResult result, const VkPipeline *pipelines)
+{
+    for (uint32_t i = 0; i < count; i++)
+        plan_done(device, &plans[i], result >= 0 && result != VK_OPERATION_DEFERRED_KHR ? (uint64_t)pipelines[i] : 0, false);
+}
+
+static void look_for_binaries(struct gn_device *device, const void *chain)
+{
+    const VkPipelineBinaryInfoKHR *binaries = gn_chain_find(chain, VK_STRUCTURE_TYPE_PIPELINE_BINARY_INFO_KHR);
+    if (binaries && binaries->binaryCount)
+        gn_tally_unjudged(device, GN_UNJUDGED_shader_binaries, 1);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, VkPipelineCache cache, uint32_t count,
+                                                               const VkComputePipelineCreateInfo *infos,
+                                                               const VkAllocationCallbacks *allocator, VkPipeline *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct change change = {.device = device};
+    struct plan *plans = device->shaders ? change_alloc(&change, count, sizeof *plans) : NULL;
+    VkComputePipelineCreateInfo *copies = change_alloc(&change, count, sizeof *copies);
+    bool any = false;
+    for (uint32_t i = 0; plans && copies && i < count; i++) {
+        look_for_binaries(device, infos[i].pNext);
+        copies[i] = infos[i];
+        if (plan_make(&change, &plans[i], 1, &infos[i].stage)) {
+            copies[i].stage = *plans[i].create;
+            any = true;
+        }
+    }
+    VkResult result = device->next.CreateComputePipelines(handle, cache, count, any ? copies : infos, allocator, out);
+    if (result >= 0)
+        gn_uses_compute_created(device, count, infos, out);
+    if (plans && copies)
+        plans_done(device, plans, count, result, out);
+    change_finish(&change, false);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle, VkPipelineCache cache, uint32_t count,
+                                                                const VkGraphicsPipelineCreateInfo *infos,
+                                                                const VkAllocationCallbacks *allocator, VkPipeline *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct change change = {.device = device};
+    struct plan *plans = device->shaders ? change_alloc(&change, count, sizeof *plans) : NULL;
+    VkGraphicsPipelineCreateInfo *copies = change_alloc(&change, count, sizeof *copies);
+    bool any = false;
+    for (uint32_t i = 0; plans && copies && i < count; i++) {
+        /* The stages of a library without shader state are not to be looked at. */
+        const VkGraphicsPipelineLibraryCreateInfoEXT *library =
+            gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_LIBRARY_CREATE_INFO_EXT);
+        bool has_stages = !library || (library->flags & (VK_GRAPHICS_PIPELINE_LIBRARY_PRE_RASTERIZATION_SHADERS_BIT_EXT |
+                                                         VK_GRAPHICS_PIPELINE_LIBRARY_FRAGMENT_SHADER_BIT_EXT));
+        look_for_binaries(device, infos[i].pNext);
+        copies[i] = infos[i];
+        plans[i].libraries = gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_PIPELINE_LIBRARY_CREATE_INFO_KHR);
+        if (has_stages && infos[i].pStages && plan_make(&change, &plans[i], infos[i].stageCount, infos[i].pStages)) {
+            copies[i].pStages = plans[i].create;
+            any = true;
+        }
+    }
+    VkResult result = device->next.CreateGraphicsPipelines(handle, cache, count, any ? copies : infos, allocator, out);
+    if (result >= 0)
+        gn_uses_graphics_created(device, count, infos, out);
+    if (plans && copies)
+        plans_done(device, plans, count, result, out);
+    change_finish(&change, false);
+    return result;
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice handle, VkDeferredOperationKHR deferred,
+                                                                     VkPipelineCache cache, uint32_t count,
+                                                                     const VkRayTracingPipelineCreateInfoKHR *infos,
+                                                                     const VkAllocationCallbacks *allocator, VkPipeline *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct change change = {.device = device};
+    struct plan *plans = device->shaders ? change_alloc(&change, count, sizeof *plans) : NULL;
+    VkRayTracingPipelineCreateInfoKHR *copies = change_alloc(&change, count, sizeof *copies);
+    bool any = false;
+    for (uint32_t i = 0; plans && copies && i < count; i++) {
+        look_for_binaries(device, infos[i].pNext);
+        copies[i] = infos[i];
+        plans[i].libraries = infos[i].pLibraryInfo;
+        if (infos[i].pStages && plan_make(&change, &plans[i], infos[i].stageCount, infos[i].pStages)) {
+            copies[i].pStages = plans[i].create;
+            any = true;
+        }
+    }
+    VkResult result =
+        device->next.CreateRayTracingPipelinesKHR(handle, deferred, cache, count, any ? copies : infos, allocator, out);
+    if (result >= 0 && result != VK_OPERATION_DEFERRED_KHR)
+        gn_uses_rays_created(device, count, infos, out);
+    if (plans && copies)
+        plans_done(device, plans, count, result, out);
+    change_finish(&change, result == VK_OPERATION_DEFERRED_KHR);
+    return result;
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyPipeline(VkDevice handle, VkPipeline pipeline, const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (pipeline)
+        gn_uses_pipeline_destroyed(device, pipeline);
+    if (pipeline && device->shaders) {
+        gn_shaders_read(device, false, false);
+        gn_lock(device);
+        struct gn_pipeline *known = gn_map_take(&device->shaders->pipelines, (uint64_t)pipeline);
+        if (known) {
+            gn_shader_state(device, known);
+            pipeline_free(known);
+        }
+        gn_unlock(device);
+    }
+    device->next.DestroyPipeline(handle, pipeline, allocator);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShadersEXT(VkDevice handle, uint32_t count, const VkShaderCreateInfoEXT *infos,
+                                                         const VkAllocationCallbacks *allocator, VkShaderEXT *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (!device->shaders)
+        return device->next.CreateShadersEXT(handle, count, infos, allocator, out);
+    struct change change = {.device = device};
+    VkShaderCreateInfoEXT *copies = change_alloc(&change, count, sizeof *copies);
+    struct gn_stage *stages = change_alloc(&change, count, sizeof *stages);
+    for (uint32_t i = 0; copies && stages && i < count; i++) {
+        copies[i] = infos[i];
+        stages[i].stage = infos[i].stage;
+        if (infos[i].codeType != VK_SHADER_CODE_TYPE_SPIRV_EXT) {
+            gn_tally_unjudged(device, GN_UNJUDGED_shader_binaries, 1);
+            continue;
+        }
+        stages[i].shader = gn_shader_of(device, infos[i].pCode, infos[i].codeSize);
+        if (stages[i].shader && stages[i].shader->result.words) {
+            copies[i].pCode = stages[i].shader->result.words;
+            copies[i].codeSize = stages[i].shader->result.word_count * 4;
+        }
+    }
+    VkResult result = device->next.CreateShadersEXT(handle, count, copies && stages ? copies : infos, allocator, out);
+    for (uint32_t i = 0; copies && stages && i < count; i++) {
+        struct plan plan = {.count = 1, .stages = &stages[i]};
+        plan_done(device, &plan, result >= 0 ? (uint64_t)out[i] : 0, true);
+    }
+    change_finish(&change, false);
+    return result;
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyShaderEXT(VkDevice handle, VkShaderEXT object, const VkAllocationCallbacks *allocator)
+{
+    struct gn_device *device = gn_device_of(handle);
+    if (object && device->shaders) {
+        gn_shaders_read(device, false, false);
+        gn_lock(device);
+        struct gn_pipeline *known = gn_map_take(&device->shaders->pipelines, map_key((uint64_t)object, true));
+        if (known) {
+            gn_shader_state(device, known);
+            pipeline_free(known);
+        }
+        gn_unlock(device);
+    }
+    device->next.DestroyShaderEXT(handle, object, allocator);
+}
+
+char **gn_pipeline_name(struct gn_device *device, VkObjectType type, uint64_t handle)
+{
+    if (!device->shaders)
+        return NULL;
+    if (type == VK_OBJECT_TYPE_SHADER_MODULE) {
+        struct gn_module *module = gn_map_get(&device->shaders->modules, handle);
+        return module ? &module->name : NULL;
+    }
+    struct gn_pipeline *pipeline = gn_map_get(&device->shaders->pipelines, map_key(handle, type == VK_OBJECT_TYPE_SHADER_EXT));
+    return pipeline ? &pipeline->name : NULL;
+}
+
+void gn_pipelines_finish(struct gn_device *device)
+{
+    struct gn_shaders *shaders = device->shaders;
+    struct gn_pipeline *pipeline;
+    struct gn_module *module;
+    for (size_t cursor = 0; (pipeline = gn_map_next(&shaders->pipelines, &cursor));) {
+        gn_shader_state(device, pipeline);
+        pipeline_free(pipeline);
+    }
+    for (size_t cursor = 0; (module = gn_map_next(&shaders->modules, &cursor));)
+        module_free(module);
+    gn_map_finish(&shaders->pipelines);
+    gn_map_finish(&shaders->modules);
+    deferred_free(shaders->deferred);
+    shaders->deferred = NULL;
+}

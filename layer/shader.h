@@ -1,0 +1,113 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shaders that check themselves: what a device needs for them (shader_device.c), modules on their way to the driver (shader.c), the
+ * pipelines made of them (pipeline.c), the memory they leave records in (shader_memory.c), and what is told of both (shader_report.c). */
+#ifndef GN_LAYER_SHADER_H
+#define GN_LAYER_SHADER_H
+
+#include "checks/spirv/records.h"
+#include "checks/spirv/spirv.h"
+#include "layer/layer.h"
+
+/* A change of what the application asks for when it creates a device. Lives as long as the call. */
+struct gn_device_wish {
+    VkDeviceCreateInfo info; /* what to create the device with */
+    bool addresses, vertex_stores, fragment_stores, host_memory; /* what the device will have */
+    const char **extensions;
+    VkPhysicalDeviceFeatures features;
+    VkPhysicalDeviceBufferDeviceAddressFeatures address_features;
+    struct gn_chain_copy chain;
+};
+/* shader_device.c: enables what instrumented shaders need, where the device has it and the application did not ask for it. */
+void gn_device_wish_init(struct gn_device_wish *wish, struct gn_instance *instance, VkPhysicalDevice physical,
+                         const VkDeviceCreateInfo *info);
+void gn_device_wish_finish(struct gn_device_wish *wish);
+
+/* A piece of memory that the device writes records to. */
+struct gn_record_memory {
+    VkBuffer buffer;
+    VkDeviceMemory memory;
+    uint32_t *words;
+    uint64_t address;
+    size_t word_count, used;
+    void *mapping; /* the layer's own, imported; NULL: the driver's */
+    struct gn_record_memory *next;
+};
+
+/* One shader as the layer knows it, told apart by its content: the same words, wherever they come from, are one. Lives as long as the
+ * device. All but `told` and `stated` is constant once it is in the map. */
+struct gn_shader {
+    uint64_t key;
+    struct gn_spirv_result result; /* with the new words, if there are any */
+    const char *passed_because;    /* why the device could not take the instrumented words; NULL: it could */
+    uint32_t model;                /* execution model of the first entry point */
+    uint32_t *records;             /* its record buffer as the host sees it; NULL if there are no checks */
+    size_t record_words;
+    uint64_t *told;                /* per check: how often it was told */
+    bool stated;                   /* it is in the closing statement */
+};
+
+/* What a device has for its shaders; NULL in gn_device where shaders are left alone. Guarded by the device's lock. */
+struct gn_shaders {
+    struct gn_spirv_options options;
+    uint64_t seed;          /* of keys: the options */
+    bool vertex_stores, fragment_stores, host_memory, stable;
+    const char *no_records; /* why nothing can be recorded on this device; NULL: it can */
+    struct gn_map shaders;  /* by key */
+    struct gn_map modules;  /* struct gn_module by handle: those with queries or traces */
+    struct gn_map pipelines;/* struct gn_pipeline by handle: the same, and shader objects */
+    struct gn_record_memory *memory; /* newest first; the last holds the table */
+    uint32_t *_Atomic root;
+    atomic_uint fired;      /* of the table, when records were last read */
+    atomic_bool again;      /* read once more, whatever the table says */
+    struct gn_deferred *deferred;
+};
+
+struct gn_module {
+    VkShaderModule handle;
+    struct gn_shader *shader;
+    char *name;
+};
+
+struct gn_stage {
+    struct gn_shader *shader;
+    VkShaderStageFlagBits stage;
+    char *module_name; /* as the pipeline was created; NULL if it had none */
+};
+
+struct gn_pipeline {
+    uint64_t handle;
+    bool is_object; /* a shader object */
+    char *name;
+    uint32_t stage_count;
+    struct gn_stage stages[];
+};
+
+/* shader.c; without any lock. */
+bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish);
+void gn_shaders_finish(struct gn_device *device);
+/* The shader of these words, instrumented if that is called for; NULL for one that the layer leaves alone. */
+struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes);
+
+/* pipeline.c; with the device locked. */
+void gn_pipelines_finish(struct gn_device *device);
+char **gn_pipeline_name(struct gn_device *device, VkObjectType type, uint64_t handle);
+
+/* shader_memory.c; with the device locked. */
+bool gn_record_memory_begin(struct gn_device *device);
+/* A record buffer for the shader, entered into the table. */
+bool gn_record_memory_take(struct gn_device *device, struct gn_shader *shader);
+void gn_record_memory_finish(struct gn_device *device);
+
+/* shader_report.c */
+/* Tells what the device has recorded since the last time; cheap if that is nothing. `lost`: the device was, and nothing is certain of it.
+ * `last`: there is no later time. Without any lock. */
+void gn_shaders_read(struct gn_device *device, bool lost, bool last);
+/* What the module alone proves. */
+void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *shader);
+/* What was checked of a pipeline goes into the closing statement; and of shaders that never were in one. With the device locked. */
+void gn_shader_state(struct gn_device *device, const struct gn_pipeline *pipeline);
+void gn_shaders_state_rest(struct gn_device *device);
+/* The rule of the catalogue's form, for findings. */
+const struct gn_rule *gn_shader_rule(enum gn_spirv_rule_index index);
+
+#endif

@@ -1,0 +1,177 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The memory that shaders leave records in: a table whose address is part of every instrumented module, and a record buffer per shader,
+ * both host-visible and coherent, so that what a lost device left can still be read.
+ *
+ * A module is the same in every run only if that address is. Where the device can import memory of the host and sees it at the
+ * host's own address, the layer takes a fixed one; elsewhere the address is whatever the driver says, drivers cache such modules in vain, and the
+ * closing statement says so. */
+#include "layer/shader.h"
+
+#include <stdlib.h>
+#include <sys/mman.h>
+
+#define TABLE_CAPACITY 16384u
+#define PIECE_BYTES ((size_t)8 << 20)
+#define STRIDE ((uintptr_t)64 << 20)
+#define PLACES 1024
+
+/* Addresses that programs hardly use: below the 512 GiB that ThreadSanitizer leaves to a program, and, as AddressSanitizer keeps
+ * that place for itself, another one. */
+static const uintptr_t bases[] = {UINT64_C(0x4700000000), UINT64_C(0x2A0000000000)};
+
+#ifndef MAP_FIXED_NOREPLACE
+#define MAP_FIXED_NOREPLACE 0x100000
+#endif
+
+static void *map_somewhere_fixed(size_t size)
+{
+    for (size_t b = 0; b < sizeof bases / sizeof bases[0]; b++)
+        for (uintptr_t i = 0; i < PLACES; i++) {
+            void *wanted = (void *)(bases[b] + i * STRIDE); // NOLINT: an address of our choice
+            void *got = mmap(wanted, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED_NOREPLACE, -1, 0);
+            if (got == wanted)
+                return got;
+            if (got != MAP_FAILED)
+                munmap(got, size);
+        }
+    return NULL;
+}
+
+static uint32_t memory_type(const struct gn_device *device, uint32_t allowed)
+{
+    const VkMemoryPropertyFlags coherent = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
+    for (uint32_t i = 0; i < device->memory.memoryTypeCount; i++)
+        if ((allowed >> i & 1) && (device->memory.memoryTypes[i].propertyFlags & coherent) == coherent)
+            return i;
+    return UINT32_MAX;
+}
+
+static void memory_free(struct gn_device *device, struct gn_record_memory *memory)
+{
+    if (!memory)
+        return;
+    if (memory->buffer)
+        device->next.DestroyBuffer(device->handle, memory->buffer, NULL);
+    if (memory->memory)
+        device->next.FreeMemory(device->handle, memory->memory, NULL);
+    if (memory->mapping)
+        munmap(memory->mapping, memory->word_count * 4);
+    free(memory);
+}
+
+/* `import`: memory of the host at an address of our choice. */
+static struct gn_record_memory *memory_create(struct gn_device *device, size_t bytes, bool import)
+{
+    const VkExternalMemoryHandleTypeFlagBits of_host = VK_EXTERNAL_MEMORY_HANDLE_TYPE_HOST_ALLOCATION_BIT_EXT;
+    struct gn_record_memory *memory = calloc(1, sizeof *memory);
+    void *mapped = NULL;
+    if (!memory)
+        return NULL;
+    memory->word_count = bytes / 4;
+    if (import && !(memory->mapping = map_somewhere_fixed(bytes)))
+        goto fail;
+    VkExternalMemoryBufferCreateInfo external = {.sType = VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO,
+                                                 .handleTypes = of_host};
+    VkBufferCreateInfo buffer = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
+                                 .pNext = import ? &external : NULL,
+                                 .size = bytes,
+                                 .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,
+                                 .sharingMode = device->family_count > 1 ? VK_SHARING_MODE_CONCURRENT
+                                                                         : VK_SHARING_MODE_EXCLUSIVE,
+                                 .queueFamilyIndexCount = device->family_count,
+                                 .pQueueFamilyIndices = device->families};
+    if (device->next.CreateBuffer(device->handle, &buffer, NULL, &memory->buffer) != VK_SUCCESS)
+        goto fail;
+    VkMemoryRequirements needs;
+    device->next.GetBufferMemoryRequirements(device->handle, memory->buffer, &needs);
+    VkMemoryHostPointerPropertiesEXT pointer = {.sType = VK_STRUCTURE_TYPE_MEMORY_HOST_POINTER_PROPERTIES_EXT};
+    if (import && (needs.size > bytes || !device->next.GetMemoryHostPointerPropertiesEXT ||
+                   device->next.GetMemoryHostPointerPropertiesEXT(device->handle, of_host, memory->mapping, &pointer) != VK_SUCCESS))
+        goto fail;
+    VkImportMemoryHostPointerInfoEXT imported = {.sType = VK_STRUCTURE_TYPE_IMPORT_MEMORY_HOST_POINTER_INFO_EXT,
+                                                 .handleType = of_host,
+                                                 .pHostPointer = memory->mapping};
+    VkMemoryAllocateFlagsInfo flags = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO,
+                                       .pNext = import ? &imported : NULL,
+                                       .flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
+    VkMemoryAllocateInfo allocation = {
+        .sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
+        .pNext = &flags,
+        .allocationSize = import ? bytes : needs.size,
+        .memoryTypeIndex = memory_type(device, needs.memoryTypeBits & (import ? pointer.memoryTypeBits : ~0u))};
+    if (allocation.memoryTypeIndex == UINT32_MAX ||
+        device->next.AllocateMemory(device->handle, &allocation, NULL, &memory->memory) != VK_SUCCESS ||
+        device->next.BindBufferMemory(device->handle, memory->buffer, memory->memory, 0) != VK_SUCCESS)
+        goto fail;
+    if (!import && device->next.MapMemory(device->handle, memory->memory, 0, VK_WHOLE_SIZE, 0, &mapped) != VK_SUCCESS)
+        goto fail;
+    memory->words = import ? memory->mapping : mapped;
+    VkBufferDeviceAddressInfo address = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = memory->buffer};
+    memory->address = device->next.GetBufferDeviceAddress(device->handle, &address);
+    if (!memory->address || (import && memory->address != (uint64_t)(uintptr_t)memory->mapping))
+        goto fail;
+    return memory;
+fail:
+    memory_free(device, memory);
+    return NULL;
+}
+
+/* The newest piece is the one that is filled. */
+static bool memory_add(struct gn_device *device, size_t bytes)
+{
+    struct gn_shaders *shaders = device->shaders;
+    struct gn_record_memory *memory = shaders->host_memory ? memory_create(device, bytes, true) : NULL;
+    if (!shaders->memory)
+        shaders->stable = memory != NULL;
+    if (!memory && !(memory = memory_create(device, bytes, false)))
+        return false;
+    memory->next = shaders->memory;
+    shaders->memory = memory;
+    return true;
+}
+
+bool gn_record_memory_begin(struct gn_device *device)
+{
+    struct gn_shaders *shaders = device->shaders;
+    if (atomic_load(&shaders->root))
+        return true;
+    if (shaders->no_records)
+        return false;
+    if (!device->next.GetBufferDeviceAddress || !memory_add(device, PIECE_BYTES)) {
+        shaders->no_records = "no host-visible memory with a device address was left for records";
+        return false;
+    }
+    shaders->memory->used = GN_ROOT_WORDS(TABLE_CAPACITY);
+    gn_root_reset(shaders->memory->words, TABLE_CAPACITY);
+    atomic_store(&shaders->root, shaders->memory->words);
+    shaders->options.root = shaders->memory->address;
+    return true;
+}
+
+bool gn_record_memory_take(struct gn_device *device, struct gn_shader *shader)
+{
+    struct gn_shaders *shaders = device->shaders;
+    size_t words = (gn_records_word_count(shader->result.check_count) + 15u) & ~(size_t)15;
+    if (!words || (shaders->memory->word_count - shaders->memory->used < words &&
+                   !memory_add(device, words * 4 > PIECE_BYTES ? (words * 4 + 4095) & ~(size_t)4095 : PIECE_BYTES)))
+        return false;
+    struct gn_record_memory *memory = shaders->memory;
+    shader->records = memory->words + memory->used;
+    shader->record_words = words;
+    gn_records_reset(shader->records, shader->result.check_count);
+    if (!gn_root_enter(atomic_load(&shaders->root), shader->key, memory->address + memory->used * 4)) {
+        shader->records = NULL;
+        return false;
+    }
+    memory->used += words;
+    return true;
+}
+
+void gn_record_memory_finish(struct gn_device *device)
+{
+    for (struct gn_record_memory *memory = device->shaders->memory, *next; memory; memory = next) {
+        next = memory->next;
+        memory_free(device, memory);
+    }
+    device->shaders->memory = NULL;
+}
