@@ -220,6 +220,21 @@ static bool header_can_split(const struct module *module, const struct block *bl
     return inst_word(module, last, 2) == inst_word(module, last, 3);
 }
 
+/* Debug information of a function that stands behind a check of the entry block, but has to stay in that block; NONE if none
+ * does. */
+static uint32_t late_definition(const struct rewrite *rewrite, const struct block *block)
+{
+    bool checked = false;
+    uint32_t number;
+    for (uint32_t i = block->first; i <= block->last; i++) {
+        uint32_t site = rewrite->analysis->site_of[i];
+        checked |= site != NONE && rewrite->analysis->sites[site].checked;
+        if (checked && is_debug(rewrite->module, &rewrite->module->insts[i], &number) && number == DEBUG_FUNCTION_DEFINITION)
+            return i;
+    }
+    return NONE;
+}
+
 static void write_block(struct rewrite *rewrite, const struct block *block)
 {
     struct writer *writer = rewrite->writer;
@@ -231,6 +246,8 @@ static void write_block(struct rewrite *rewrite, const struct block *block)
     for (uint32_t i = block->first; i <= block->last; i++)
         if (module->insts[i].opcode == SpvOpPhi)
             split_at = i + 1;
+    uint32_t late = late_definition(rewrite, block);
+    bool late_written = false;
 
     writer->line = writer->scope = writer->debug_line = NULL;
     label_begin(writer, block->id);
@@ -249,11 +266,15 @@ static void write_block(struct rewrite *rewrite, const struct block *block)
             label_begin(writer, rest);
             lines_restate(writer);
         }
-        if (split_header && i == block->merge)
+        if ((split_header && i == block->merge) || i == late)
             continue;
         follow_lines(writer, inst);
         if (index != NONE) {
             const struct site *site = &rewrite->analysis->sites[index];
+            if (site->checked && late != NONE && !late_written) {
+                copy(writer, &module->insts[late]);
+                late_written = true;
+            }
             if (site->checked) {
                 checks_write(writer, site);
                 lines_restate(writer);

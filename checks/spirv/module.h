@@ -91,6 +91,7 @@ bool is_debug(const struct module *module, const struct inst *inst, uint32_t *ou
 #define DEBUG_NO_SCOPE 24
 #define DEBUG_SOURCE 35
 #define DEBUG_SOURCE_CONTINUED 102
+#define DEBUG_FUNCTION_DEFINITION 101
 #define DEBUG_LINE 103
 #define DEBUG_NO_LINE 104
 
