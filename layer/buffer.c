@@ -58,13 +58,13 @@ static void buffer_gains_address(struct gn_device *device, struct gn_buffer *buf
     if (buffer->bound)
         return;
     buffer->bound = true;
-    if (!buffer->build_input || !buffer->has_address || !device->next.GetBufferDeviceAddress)
+    if (!buffer->has_address || !device->next.GetBufferDeviceAddress)
         return;
     VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = buffer->handle};
     buffer->range.base = device->next.GetBufferDeviceAddress(device->handle, &info);
     buffer->range.size = buffer->size;
     if (buffer->range.base && buffer->range.base + buffer->range.size > buffer->range.base)
-        gn_ranges_insert(&device->inputs, &buffer->range);
+        gn_ranges_insert(buffer->build_input ? &device->inputs : &device->others, &buffer->range);
     else
         buffer->range.size = 0;
 }
@@ -77,7 +77,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
     patch(info, &patched);
     VkResult result =
         device->next.CreateBuffer(handle, patched.changed ? &patched.info : info, allocator, out);
-    if (result != VK_SUCCESS || !(patched.usage & (BUILD_INPUT | STORAGE)))
+    if (result != VK_SUCCESS || !(patched.usage & (BUILD_INPUT | STORAGE | ADDRESS)))
         return result;
 
     struct gn_buffer *buffer = calloc(1, sizeof *buffer);
@@ -87,6 +87,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateBuffer(VkDevice handle, const VkBu
     }
     *buffer = (struct gn_buffer){.handle = *out,
                                  .size = info->size,
+                                 .usage = patched.usage,
                                  .has_address = (patched.usage & ADDRESS) != 0,
                                  .build_input = (patched.usage & BUILD_INPUT) != 0,
                                  .storage = (patched.usage & STORAGE) != 0,
@@ -182,14 +183,15 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_FreeMemory(VkDevice handle, VkDeviceMemory m
 
 static void buffer_free(struct gn_device *device, struct gn_buffer *buffer)
 {
-    if (buffer) {
-        memory_leave(device, buffer);
-        structures_lose(device, buffer);
-        while (buffer->first_structure)
-            gn_buffer_lets_go(buffer->first_structure);
-    }
-    if (buffer && buffer->range.size)
-        gn_ranges_remove(&device->inputs, &buffer->range);
+    if (!buffer)
+        return;
+    memory_leave(device, buffer);
+    structures_lose(device, buffer);
+    while (buffer->first_structure)
+        gn_buffer_lets_go(buffer->first_structure);
+    if (buffer->range.size)
+        gn_ranges_remove(buffer->build_input ? &device->inputs : &device->others, &buffer->range);
+    free(buffer->name);
     free(buffer);
 }
 
@@ -249,19 +251,51 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_GetDeviceBufferMemoryRequirements(VkDevice h
     device->next.GetDeviceBufferMemoryRequirements(handle, &asked, out);
 }
 
+static struct gn_buffer *holding(const struct gn_ranges *ranges, uint64_t address, uint64_t size)
+{
+    struct gn_range *range = gn_ranges_holding(ranges, address, size);
+    return range ? (struct gn_buffer *)(void *)((char *)range - offsetof(struct gn_buffer, range)) : NULL;
+}
+
 struct gn_buffer *gn_buffer_holding(struct gn_device *device, uint64_t address, uint64_t size)
 {
-    struct gn_range *range = gn_ranges_holding(&device->inputs, address, size);
-    return range ? (struct gn_buffer *)(void *)((char *)range - offsetof(struct gn_buffer, range)) : NULL;
+    return holding(&device->inputs, address, size);
+}
+
+static bool has_usage(const struct gn_range *range, const void *usage)
+{
+    const struct gn_buffer *buffer = (const struct gn_buffer *)(const void *)((const char *)range - offsetof(struct gn_buffer, range));
+    return (buffer->usage & *(const VkBufferUsageFlags2 *)usage) != 0;
+}
+
+bool gn_buffer_has_usage(struct gn_device *device, uint64_t address, VkBufferUsageFlags2 usage, struct gn_buffer **out_known)
+{
+    *out_known = gn_buffer_holding(device, address, 1);
+    if (!*out_known)
+        *out_known = gn_buffer_other(device, address, 1);
+    return gn_ranges_any(&device->inputs, address, has_usage, &usage) || gn_ranges_any(&device->others, address, has_usage, &usage);
+}
+
+uint64_t gn_buffers_end(const struct gn_device *device, uint64_t address)
+{
+    uint64_t end = gn_ranges_end(&device->inputs, address), other = gn_ranges_end(&device->others, address);
+    return end > other ? end : other;
+}
+
+struct gn_buffer *gn_buffer_other(struct gn_device *device, uint64_t address, uint64_t size)
+{
+    return holding(&device->others, address, size);
 }
 
 void gn_buffers_finish(struct gn_device *device)
 {
     size_t cursor = 0;
     struct gn_buffer *buffer;
-    while ((buffer = gn_map_next(&device->buffers, &cursor)))
+    while ((buffer = gn_map_next(&device->buffers, &cursor))) {
+        free(buffer->name);
         free(buffer);
+    }
     gn_map_finish(&device->buffers);
     gn_map_finish(&device->memories);
-    device->inputs.root = NULL;
+    device->inputs.root = device->others.root = NULL;
 }

@@ -109,6 +109,16 @@ static void load_next(struct gn_device *device, PFN_vkGetDeviceProcAddr lookup)
         next->GetBufferDeviceAddress = next->GetBufferDeviceAddressKHR;
 }
 
+/* Limits stay 0 where they cannot be asked, and nothing is held against them. */
+static void read_limits(struct gn_device *device)
+{
+    device->limits.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR;
+    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &device->limits};
+    if (device->instance->next.GetPhysicalDeviceProperties2)
+        device->instance->next.GetPhysicalDeviceProperties2(device->physical, &properties);
+    device->limits.pNext = NULL;
+}
+
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, const VkDeviceCreateInfo *info,
                                                      const VkAllocationCallbacks *allocator, VkDevice *out)
 {
@@ -164,6 +174,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
         }
         note_families(device, info);
         instance->next.GetPhysicalDeviceMemoryProperties(physical, &device->memory);
+        read_limits(device);
         if (wishes && !gn_shaders_init(device, &wish))
             gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
     }
@@ -206,6 +217,10 @@ static char **name_of(struct gn_device *device, VkObjectType type, uint64_t hand
     case VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR: {
         struct gn_as *as = gn_map_get(&device->structures, handle);
         return as ? &as->name : NULL;
+    }
+    case VK_OBJECT_TYPE_BUFFER: {
+        struct gn_buffer *buffer = gn_map_get(&device->buffers, handle);
+        return buffer ? &buffer->name : NULL;
     }
     case VK_OBJECT_TYPE_COMMAND_BUFFER: {
         struct gn_command_buffer *commands = gn_map_get(&device->command_buffers, handle);

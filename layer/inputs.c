@@ -62,7 +62,7 @@ static void check_range(struct gn_device *device, struct gn_as *target, struct g
     input->target_id = target->id;
     input->buffer_address = first ? first->range.base : 0;
     input->buffer_size = first ? first->range.size : 0;
-    keep_fault(device, &(struct gn_fault){.of.input = *input, .structures = {target}}, out);
+    keep_fault(device, &(struct gn_fault){.kind = GN_FAULT_INPUT, .of.input = *input, .structures = {target}}, out);
 }
 
 static uint64_t index_size(VkIndexType type)
@@ -73,20 +73,142 @@ static uint64_t index_size(VkIndexType type)
                                              : 0;
 }
 
-/* At least so many bytes belong to a vertex of the format. */
-static uint64_t least_vertex_size(VkFormat format)
+/* What is being checked, for the faults that are found in it. */
+struct subject {
+    struct gn_device *device;
+    struct gn_as *target;
+    uint32_t info, geometry;
+    struct gn_fault **out;
+};
+
+static void demand(const struct subject *subject, enum gn_demand_kind kind, const char *what, uint64_t value, uint64_t bound,
+                   const char *needs, const struct gn_buffer *buffer)
 {
-    switch (format) {
-    case VK_FORMAT_R32G32B32_SFLOAT:
-        return 12;
-    case VK_FORMAT_R32G32_SFLOAT:
-        return 8;
-    case VK_FORMAT_R16G16_SFLOAT:
-    case VK_FORMAT_R16G16_SNORM:
-        return 4;
-    default:
-        return 1;
+    struct gn_demand found = {.kind = kind,
+                              .target = object_of(subject->target),
+                              .target_id = subject->target->id,
+                              .info = subject->info,
+                              .geometry = subject->geometry,
+                              .what = what,
+                              .value = value,
+                              .bound = bound,
+                              .needs = needs};
+    if (buffer)
+        found.buffer = (struct gn_object){GN_OBJECT_BUFFER, (uint64_t)buffer->handle, NULL};
+    keep_fault(subject->device,
+               &(struct gn_fault){.kind = GN_FAULT_DEMAND, .of.demand = found, .structures = {subject->target}}, subject->out);
+}
+
+static void check_alignment(const struct subject *subject, const char *what, uint64_t value, uint64_t alignment)
+{
+    if (alignment > 1 && value % alignment)
+        demand(subject, GN_DEMAND_ALIGNMENT, what, value, alignment, NULL, NULL);
+}
+
+static void check_limit(const struct subject *subject, const char *what, uint64_t value, uint64_t limit, const char *name)
+{
+    if (limit && value > limit)
+        demand(subject, GN_DEMAND_LIMIT, what, value, limit, name, NULL);
+}
+
+/* An address in no buffer that is known says nothing. */
+static void check_usage(const struct subject *subject, const char *what, uint64_t address, VkBufferUsageFlags2 usage, const char *name)
+{
+    struct gn_buffer *around;
+    if (!gn_buffer_has_usage(subject->device, address, usage, &around) && around)
+        demand(subject, GN_DEMAND_USAGE, what, address, 0, name, around);
+}
+
+#define BUILD_INPUT VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR
+
+static void check_address(const struct subject *subject, const char *what, uint64_t address, uint64_t alignment)
+{
+    check_alignment(subject, what, address, alignment);
+    check_usage(subject, what, address, BUILD_INPUT, "VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR");
+}
+
+static void check_geometry(const struct subject *subject, const VkAccelerationStructureGeometryKHR *geometry,
+                           const VkAccelerationStructureBuildRangeInfoKHR *range)
+{
+    if (!range->primitiveCount)
+        return;
+    if (geometry->geometryType == VK_GEOMETRY_TYPE_INSTANCES_KHR) {
+        const VkAccelerationStructureGeometryInstancesDataKHR *instances = &geometry->geometry.instances;
+        check_address(subject, "instances.data.deviceAddress", instances->data.deviceAddress, instances->arrayOfPointers ? 8 : 16);
+        if (!instances->arrayOfPointers)
+            check_alignment(subject, "primitiveOffset", range->primitiveOffset, 16);
+    } else if (geometry->geometryType == VK_GEOMETRY_TYPE_AABBS_KHR) {
+        check_address(subject, "aabbs.data.deviceAddress", geometry->geometry.aabbs.data.deviceAddress, 8);
+        check_alignment(subject, "aabbs.stride", geometry->geometry.aabbs.stride, 8);
+        check_limit(subject, "aabbs.stride", geometry->geometry.aabbs.stride, UINT32_MAX, "2^32 - 1");
+        check_alignment(subject, "primitiveOffset", range->primitiveOffset, 8);
+    } else if (geometry->geometryType == VK_GEOMETRY_TYPE_TRIANGLES_KHR) {
+        const VkAccelerationStructureGeometryTrianglesDataKHR *triangles = &geometry->geometry.triangles;
+        uint32_t component = gn_vertex_layout_of(triangles->vertexFormat).component_size;
+        check_address(subject, "triangles.vertexData.deviceAddress", triangles->vertexData.deviceAddress, component);
+        check_alignment(subject, "triangles.vertexStride", triangles->vertexStride, component);
+        check_limit(subject, "triangles.vertexStride", triangles->vertexStride, UINT32_MAX, "2^32 - 1");
+        if (triangles->indexType == VK_INDEX_TYPE_NONE_KHR) {
+            check_alignment(subject, "primitiveOffset", range->primitiveOffset, component);
+        } else {
+            check_address(subject, "triangles.indexData.deviceAddress", triangles->indexData.deviceAddress,
+                          index_size(triangles->indexType));
+            check_alignment(subject, "primitiveOffset", range->primitiveOffset, index_size(triangles->indexType));
+        }
+        if (triangles->transformData.deviceAddress) {
+            check_address(subject, "triangles.transformData.deviceAddress", triangles->transformData.deviceAddress, 16);
+            check_alignment(subject, "transformOffset", range->transformOffset, 16);
+        }
     }
+}
+
+/* The sizes that the driver gives for the build; all 0 without an answer. */
+static VkAccelerationStructureBuildSizesInfoKHR sizes_of(struct gn_device *device,
+                                                         const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                                         const VkAccelerationStructureBuildRangeInfoKHR *ranges)
+{
+    uint32_t few[16], *counts = few;
+    VkAccelerationStructureBuildSizesInfoKHR sizes = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
+    if (info->geometryCount > sizeof few / sizeof few[0] && !(counts = malloc(info->geometryCount * sizeof *counts)))
+        return sizes;
+    for (uint32_t g = 0; g < info->geometryCount; g++)
+        counts[g] = ranges[g].primitiveCount;
+    if (device->next.GetAccelerationStructureBuildSizesKHR)
+        device->next.GetAccelerationStructureBuildSizesKHR(device->handle, VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR, info,
+                                                           counts, &sizes);
+    if (counts != few)
+        free(counts);
+    return sizes;
+}
+
+static void check_whole(const struct subject *subject, const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                        const VkAccelerationStructureBuildRangeInfoKHR *ranges)
+{
+    const VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits = &subject->device->limits;
+    bool is_top = info->type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
+    bool update = info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
+    uint64_t primitives = 0;
+    for (uint32_t g = 0; g < info->geometryCount; g++)
+        primitives += ranges[g].primitiveCount;
+    if (is_top) {
+        check_limit(subject, "primitiveCount", primitives, limits->maxInstanceCount, "maxInstanceCount");
+    } else {
+        check_limit(subject, "geometryCount", info->geometryCount, limits->maxGeometryCount, "maxGeometryCount");
+        check_limit(subject, "the sum of primitiveCount", primitives, limits->maxPrimitiveCount, "maxPrimitiveCount");
+    }
+    VkAccelerationStructureBuildSizesInfoKHR sizes = sizes_of(subject->device, info, ranges);
+    if (!update && subject->target->size < sizes.accelerationStructureSize)
+        demand(subject, GN_DEMAND_STORAGE, "size", subject->target->size, sizes.accelerationStructureSize, NULL, NULL);
+    VkDeviceSize scratch = update ? sizes.updateScratchSize : sizes.buildScratchSize;
+    uint64_t address = info->scratchData.deviceAddress, end = gn_buffers_end(subject->device, address);
+    if (!scratch)
+        return;
+    check_alignment(subject, "scratchData.deviceAddress", address, limits->minAccelerationStructureScratchOffsetAlignment);
+    check_usage(subject, "scratchData.deviceAddress", address, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT, "VK_BUFFER_USAGE_STORAGE_BUFFER_BIT");
+    if (end > address && end - address < scratch)
+        demand(subject, GN_DEMAND_SCRATCH, "scratchData.deviceAddress", end - address, scratch,
+               update ? "updateScratchSize" : "buildScratchSize", NULL);
 }
 
 void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t index,
@@ -96,10 +218,14 @@ void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuil
     struct gn_as *target = gn_as_get(device, info->dstAccelerationStructure);
     if (!target || (info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV))
         return;
+    struct subject subject = {device, target, index, GN_NO_INDEX, out};
+    check_whole(&subject, info, ranges);
     for (uint32_t g = 0; g < info->geometryCount; g++) {
         const VkAccelerationStructureGeometryKHR *geometry =
             info->pGeometries ? &info->pGeometries[g] : info->ppGeometries[g];
         const VkAccelerationStructureBuildRangeInfoKHR *range = &ranges[g];
+        subject.geometry = g;
+        check_geometry(&subject, geometry, range);
         const VkAccelerationStructureGeometryTrianglesDataKHR *triangles = &geometry->geometry.triangles;
         struct gn_input input = {
             .info = index, .geometry = g, .offset = range->primitiveOffset, .count = range->primitiveCount};
@@ -121,7 +247,8 @@ void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuil
                 input.what = "triangles.vertexData";
                 input.address = triangles->vertexData.deviceAddress;
                 input.stride = triangles->vertexStride;
-                input.element_size = least_vertex_size(triangles->vertexFormat);
+                input.element_size = gn_vertex_layout_of(triangles->vertexFormat).size;
+                input.element_size += !input.element_size;
                 input.bound = (uint64_t)triangles->maxVertex + 1;
                 uint64_t skipped;
                 if (!__builtin_mul_overflow(range->firstVertex, input.stride, &skipped) &&
@@ -148,22 +275,10 @@ void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuil
     }
 }
 
-/* Whether the driver wants scratch memory for the build; without an answer it does not. */
 static bool needs_scratch(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info,
                           const VkAccelerationStructureBuildRangeInfoKHR *ranges)
 {
-    uint32_t few[16], *counts = few;
-    VkAccelerationStructureBuildSizesInfoKHR sizes = {
-        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
-    if (info->geometryCount > sizeof few / sizeof few[0] && !(counts = malloc(info->geometryCount * sizeof *counts)))
-        return false;
-    for (uint32_t g = 0; g < info->geometryCount; g++)
-        counts[g] = ranges[g].primitiveCount;
-    if (device->next.GetAccelerationStructureBuildSizesKHR)
-        device->next.GetAccelerationStructureBuildSizesKHR(device->handle, VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR, info,
-                                                           counts, &sizes);
-    if (counts != few)
-        free(counts);
+    VkAccelerationStructureBuildSizesInfoKHR sizes = sizes_of(device, info, ranges);
     return info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR ? sizes.updateScratchSize : sizes.buildScratchSize;
 }
 
@@ -189,7 +304,7 @@ static void keep_clash(struct gn_device *device, enum gn_clash_kind kind, uint32
     if (!first_as || !second_as)
         return;
     keep_fault(device,
-               &(struct gn_fault){.is_clash = true,
+               &(struct gn_fault){.kind = GN_FAULT_CLASH,
                                   .of.clash = {.kind = kind,
                                                .first = first,
                                                .second = second,

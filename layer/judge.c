@@ -164,6 +164,17 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
              capture->info, gn_object_describe(&commands_object, commands_text, sizeof commands_text),
              (unsigned long long)judgement->submission,
              gn_object_describe(&queue_object, queue_text, sizeof queue_text));
+    if (capture->contents) {
+        struct gn_geometry_contents contents = *capture->contents;
+        contents.place = place;
+        contents.target = (struct gn_object){GN_OBJECT_BLAS, (uint64_t)judgement->tlas->handle, judgement->tlas->name};
+        contents.target_id = judgement->tlas->id;
+        contents.info = capture->info;
+        contents.geometry = capture->geometry;
+        gn_report_geometry(device->instance, &contents, out);
+        gn_tally_check(device, GN_CHECKED_geometries, 1);
+        return;
+    }
     const struct gn_recording *recording = judgement->recording;
     uint32_t first = judgement->event, command = recording->events[first].command;
     while (first && recording->events[first - 1].command == command)

@@ -15,6 +15,7 @@
 #include <vulkan/vk_layer.h>
 #include <vulkan/vulkan.h>
 
+#include "checks/rules/geometry.h"
 #include "checks/rules/rules.h"
 #include "layer/map.h"
 #include "layer/settings.h"
@@ -182,17 +183,19 @@ struct gn_as {
     struct gn_as *next_destroyed;
 };
 
-/* A buffer that may be input of a build, or hold structures. */
+/* A buffer that has an address, or holds structures. */
 struct gn_buffer {
     VkBuffer handle;
     VkDeviceSize size;
+    VkBufferUsageFlags2 usage; /* as the application asked for it */
     bool has_address;  /* created with device-address usage */
     bool build_input;
     bool storage;      /* of structures */
     bool can_copy;     /* has TRANSFER_SRC usage, by itself or by the layer */
     bool bound;
     bool external;     /* may be shared with another API or process */
-    struct gn_range range; /* in gn_device.inputs once build_input && bound */
+    struct gn_range range; /* in gn_device.inputs once it has an address: build input, else in gn_device.others */
+    char *name;
     struct gn_as *first_structure; /* that lies in it */
     VkDeviceMemory memory; /* that it is bound to */
     struct gn_buffer *memory_next, *memory_previous; /* of the buffers with structures in the same memory */
@@ -200,15 +203,33 @@ struct gn_buffer {
 
 struct gn_staging_block;
 
-/* The instance records of one recorded TLAS build, as the GPU copies them. */
+/* What one recorded command reads from memory, as the GPU copies it: the instance records of a TLAS build, or a geometry of a BLAS
+ * build. */
 struct gn_capture {
     struct gn_staging_block *block;
     VkDeviceSize offset;
-    const struct gn_instance_record *records;
+    union {
+        const unsigned char *bytes;
+        const struct gn_instance_record *records;
+    };
     uint32_t record_count;
     bool partial; /* the build reads more than these */
     uint32_t info, geometry; /* pInfos[info].pGeometries[geometry] */
+    struct gn_geometry_contents *contents; /* of a geometry; NULL: instance records */
     struct gn_judgement *pending;
+    struct gn_capture *next;               /* of the same event */
+};
+
+/* Copies that are recorded before the command which reads the same memory. */
+struct gn_copy {
+    VkBuffer from, to;
+    VkBufferCopy region;
+};
+
+struct gn_copies {
+    struct gn_copy *list; /* `few` until they are more */
+    uint32_t count, capacity;
+    struct gn_copy few[8];
 };
 
 enum gn_event_kind {
@@ -226,11 +247,13 @@ enum gn_event_kind {
 };
 
 /* What was wrong with a build as it was recorded, for the rules to say when it is executed. */
+enum gn_fault_kind { GN_FAULT_INPUT, GN_FAULT_CLASH, GN_FAULT_DEMAND };
 struct gn_fault {
-    bool is_clash;
+    enum gn_fault_kind kind;
     union {
         struct gn_input input;
         struct gn_clash clash;
+        struct gn_demand demand;
     } of;
     struct gn_as *structures[2]; /* whose names are in it */
     struct gn_fault *next;
@@ -243,7 +266,7 @@ struct gn_event {
     struct gn_as *target; /* written; NULL if none */
     struct gn_as *source; /* read; NULL if none */
     bool is_tlas;                 /* a build or update of a TLAS */
-    struct gn_capture *capture;   /* of a TLAS build that is judged; NULL when it reads no instances */
+    struct gn_capture *capture;   /* what is copied, to be judged; NULL: nothing */
     enum gn_unjudged unjudged;    /* of a TLAS build that is not judged: why; else GN_UNJUDGED_COUNT */
     bool is_update;               /* of an indirect build, whose kind does not say */
     struct gn_build_shape *shape; /* of a build or update; NULL: not known */
@@ -373,7 +396,8 @@ struct gn_device {
     struct gn_map memories; /* VkDeviceMemory -> the first buffer with structures in it */
     struct gn_map set_layouts, pipeline_layouts, sets, set_pools, update_templates, modules, pipelines;
     struct gn_changes changes;
-    struct gn_ranges inputs;
+    struct gn_ranges inputs, others; /* buffers with an address: with build-input usage, and without */
+    VkPhysicalDeviceAccelerationStructurePropertiesKHR limits;
     struct gn_queue *first_queue;
     uint32_t queue_count;
     struct gn_as *destroyed; /* still in `addresses` because a judgement may need them */
@@ -445,6 +469,30 @@ void gn_buffers_finish(struct gn_device *device);
 void gn_buffer_holds(struct gn_buffer *buffer, struct gn_as *as);
 void gn_buffer_lets_go(struct gn_as *as);
 struct gn_buffer *gn_buffer_holding(struct gn_device *device, uint64_t address, uint64_t size);
+/* Whether some buffer around the address has the usage; `out_known` gives one that is around it, NULL if there is none. */
+bool gn_buffer_has_usage(struct gn_device *device, uint64_t address, VkBufferUsageFlags2 usage, struct gn_buffer **out_known);
+/* The highest address that a buffer around `address` reaches; not above it: there is none. */
+uint64_t gn_buffers_end(const struct gn_device *device, uint64_t address);
+/* Among those without build-input usage. */
+struct gn_buffer *gn_buffer_other(struct gn_device *device, uint64_t address, uint64_t size);
+
+/* capture.c; with the device locked. */
+void gn_copies_init(struct gn_copies *copies);
+void gn_copies_finish(struct gn_copies *copies);
+bool gn_copies_add(struct gn_copies *copies, VkBuffer from, VkBuffer to, const VkBufferCopy *region);
+/* Prepares to read the geometries of a BLAS build: the captures become a list, the copies are added. */
+void gn_geometry_capture(struct gn_device *device, const struct gn_command_buffer *commands,
+                         const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index,
+                         const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_capture **out, struct gn_copies *copies);
+/* Of one event: gives the staging memory back and frees the list. */
+void gn_captures_free(struct gn_device *device, struct gn_capture *capture);
+/* How the vertices of a format lie in memory: bytes of a component (0: the format is not known), how many count as coordinates, bytes of
+ * the whole, and whether components are floating-point numbers. */
+struct gn_vertex_layout {
+    uint32_t component_size, coordinates, size;
+    bool floating;
+};
+struct gn_vertex_layout gn_vertex_layout_of(VkFormat format);
 
 /* structure.c; with the device locked. */
 struct gn_as *gn_as_get(struct gn_device *device, VkAccelerationStructureKHR handle);
@@ -566,6 +614,7 @@ void gn_report_found(struct gn_instance *instance, const struct gn_finding *find
                      struct gn_findings *out);
 /* Runs the rules, collecting what is new and counting what is known. */
 void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out);
+void gn_report_geometry(struct gn_instance *instance, const struct gn_geometry_contents *contents, struct gn_findings *out);
 /* Gives the findings to every sink and empties the list. Without any lock. */
 void gn_report_flush(struct gn_instance *instance, struct gn_findings *findings);
 /* A message about the layer's own conduct (its settings, say) to messengers and stderr. */

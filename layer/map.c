@@ -187,3 +187,36 @@ struct gn_range *gn_ranges_holding(const struct gn_ranges *ranges, uint64_t base
 {
     return base + size < base ? NULL : holding(ranges->root, base, base + size);
 }
+
+uint64_t gn_ranges_end(const struct gn_ranges *ranges, uint64_t base)
+{
+    uint64_t end = 0;
+    for (const struct gn_range *node = ranges->root; node;) {
+        if (node->base > base) {
+            node = node->left;
+            continue;
+        }
+        if (end_of(node) > end)
+            end = end_of(node);
+        if (node->left && node->left->highest_end > end)
+            end = node->left->highest_end;
+        node = node->right;
+    }
+    return end;
+}
+
+static bool any(const struct gn_range *tree, uint64_t address, bool (*match)(const struct gn_range *range, const void *context),
+                const void *context)
+{
+    if (!tree || tree->highest_end <= address)
+        return false;
+    if (tree->base <= address && ((end_of(tree) > address && match(tree, context)) || any(tree->right, address, match, context)))
+        return true;
+    return any(tree->left, address, match, context);
+}
+
+bool gn_ranges_any(const struct gn_ranges *ranges, uint64_t address, bool (*match)(const struct gn_range *range, const void *context),
+                   const void *context)
+{
+    return any(ranges->root, address, match, context);
+}

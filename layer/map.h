@@ -48,6 +48,12 @@ struct gn_ranges {
 /* size > 0, and base + size does not wrap. */
 void gn_ranges_insert(struct gn_ranges *ranges, struct gn_range *node);
 void gn_ranges_remove(struct gn_ranges *ranges, struct gn_range *node);
+/* The highest end among the ranges that begin at or before `base`; 0 if there are none. Above `base`: that far some range around it
+ * reaches. */
+uint64_t gn_ranges_end(const struct gn_ranges *ranges, uint64_t base);
+/* Whether some range around `address` is one that `match` accepts. */
+bool gn_ranges_any(const struct gn_ranges *ranges, uint64_t address, bool (*match)(const struct gn_range *range, const void *context),
+                   const void *context);
 /* A range that holds all of [base, base + size), NULL if there is none. */
 struct gn_range *gn_ranges_holding(const struct gn_ranges *ranges, uint64_t base, uint64_t size);
 

@@ -29,9 +29,7 @@ void gn_recording_release(struct gn_device *device, struct gn_recording *recordi
         gn_shape_release(event->shape);
         gn_query_pool_release(event->pool);
         gn_faults_free(event->faults);
-        if (event->capture)
-            gn_staging_give(device, event->capture);
-        free(event->capture);
+        gn_captures_free(device, event->capture);
         gn_use_free(event->use);
         gn_recording_release(device, event->secondary);
     }
@@ -338,18 +336,12 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresIndirectKHR(
     device->next.CmdBuildAccelerationStructuresIndirectKHR(handle, count, infos, addresses, strides, maxima);
 }
 
-/* A copy that has to be recorded before the build. */
-struct copy {
-    VkBuffer from, to;
-    VkBufferCopy region;
-};
-
 /* Prepares the copy of the instances that the build reads. Gives the reason when that cannot be done, GN_UNJUDGED_COUNT
  * otherwise; *out_capture stays NULL when there is nothing to read. */
 static enum gn_unjudged prepare_capture(struct gn_device *device, const struct gn_command_buffer *commands,
                                         const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index,
                                         const VkAccelerationStructureBuildRangeInfoKHR *ranges,
-                                        struct gn_capture **out_capture, struct copy *out_copy)
+                                        struct gn_capture **out_capture, struct gn_copies *copies)
 {
     if (!info->geometryCount)
         return GN_UNJUDGED_COUNT;
@@ -386,21 +378,22 @@ static enum gn_unjudged prepare_capture(struct gn_device *device, const struct g
         free(capture);
         return GN_UNJUDGED_no_copy_memory;
     }
+    VkBufferCopy region = {address - source->range.base, capture->offset, size};
+    if (!gn_copies_add(copies, source->handle, gn_staging_buffer(capture), &region)) {
+        gn_captures_free(device, capture);
+        return GN_UNJUDGED_out_of_host_memory;
+    }
     capture->record_count = count;
     capture->partial = count < ranges->primitiveCount;
     capture->info = index;
     *out_capture = capture;
-    *out_copy = (struct copy){.from = source->handle,
-                              .to = gn_staging_buffer(capture),
-                              .region = {address - source->range.base, capture->offset, size}};
     return GN_UNJUDGED_COUNT;
 }
 
 /* The copies, ordered by the application's own barriers: whatever made the records visible to the build makes them visible to a
  * transfer that is chained to the build stage, and whatever the application orders after the build comes after the copies,
  * for they come before it. A missing barrier of the application stays missing. */
-static void record_copies(struct gn_device *device, VkCommandBuffer handle, const struct copy *copies, uint32_t count,
-                          bool simultaneous)
+static void record_copies(struct gn_device *device, VkCommandBuffer handle, const struct gn_copies *copies, bool simultaneous)
 {
     const VkPipelineStageFlags build = VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR;
     const VkPipelineStageFlags transfer = VK_PIPELINE_STAGE_TRANSFER_BIT;
@@ -414,8 +407,8 @@ static void record_copies(struct gn_device *device, VkCommandBuffer handle, cons
                              .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
     device->next.CmdPipelineBarrier(handle, build | (simultaneous ? transfer : 0), transfer, 0, 1, &before, 0, NULL, 0,
                                     NULL);
-    for (uint32_t i = 0; i < count; i++)
-        device->next.CmdCopyBuffer(handle, copies[i].from, copies[i].to, 1, &copies[i].region);
+    for (uint32_t i = 0; i < copies->count; i++)
+        device->next.CmdCopyBuffer(handle, copies->list[i].from, copies->list[i].to, 1, &copies->list[i].region);
     device->next.CmdPipelineBarrier(handle, transfer, VK_PIPELINE_STAGE_HOST_BIT | build, 0, 1, &after, 0, NULL, 0,
                                     NULL);
 }
@@ -425,14 +418,10 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
 {
     struct gn_device *device = gn_device_of(handle);
-    struct copy few[4], *copies = few;
-    uint32_t copy_count = 0, tlas_count = 0;
+    struct gn_copies copies;
     bool simultaneous = false;
 
-    for (uint32_t i = 0; i < count; i++)
-        tlas_count += infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
-    if (tlas_count > sizeof few / sizeof few[0])
-        copies = malloc(tlas_count * sizeof *copies);
+    gn_copies_init(&copies);
     struct gn_fault *few_faults[8] = {NULL}, **faults = few_faults;
     if (count > sizeof few_faults / sizeof few_faults[0])
         faults = calloc(count, sizeof *faults);
@@ -456,28 +445,24 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
                                  .shape = gn_shape_create(info, ranges[i]),
                                  .faults = faults ? faults[i] : NULL,
                                  .unjudged = GN_UNJUDGED_COUNT};
+        uint32_t copy_count = copies.count;
         if (event.is_tlas)
-            event.unjudged = copies ? prepare_capture(device, commands, info, i, ranges[i], &event.capture,
-                                                      &copies[copy_count])
-                                    : GN_UNJUDGED_out_of_host_memory;
-        bool captured = event.capture != NULL;
-        if (gn_command_buffer_add(device, commands, &event)) {
-            copy_count += captured;
-        } else {
+            event.unjudged = prepare_capture(device, commands, info, i, ranges[i], &event.capture, &copies);
+        else
+            gn_geometry_capture(device, commands, info, i, ranges[i], &event.capture, &copies);
+        if (!gn_command_buffer_add(device, commands, &event)) {
+            copies.count = copy_count;
             gn_faults_free(event.faults);
-            if (captured)
-                gn_staging_give(device, event.capture);
-            free(event.capture);
+            gn_captures_free(device, event.capture);
         }
         gn_shape_release(event.shape);
         simultaneous = commands->simultaneous;
     }
     gn_unlock(device);
 
-    if (copy_count)
-        record_copies(device, handle, copies, copy_count, simultaneous);
-    if (copies != few)
-        free(copies);
+    if (copies.count)
+        record_copies(device, handle, &copies, simultaneous);
+    gn_copies_finish(&copies);
     if (faults != few_faults)
         free(faults);
     device->next.CmdBuildAccelerationStructuresKHR(handle, count, infos, ranges);

@@ -95,19 +95,38 @@ static void collect(void *context, uint64_t site, const struct gn_finding *findi
     out->last = &pending->next;
 }
 
+static struct gn_report report_into(struct collector *collector)
+{
+    const struct gn_settings *settings = &collector->instance->settings;
+    return (struct gn_report){.profile = settings->profile,
+                              .enabled = settings->rules,
+                              .context = collector,
+                              .repeated = repeated,
+                              .finding = collect};
+}
+
+static void count_evaluated(struct gn_instance *instance, const struct gn_report *report)
+{
+    pthread_mutex_lock(&instance->lock);
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        instance->evaluated[i] += gn_rule_set_has(&report->evaluated, i);
+    pthread_mutex_unlock(&instance->lock);
+}
+
 void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out)
 {
     struct collector collector = {instance, out};
-    struct gn_report report = {.profile = instance->settings.profile,
-                               .enabled = instance->settings.rules,
-                               .context = &collector,
-                               .repeated = repeated,
-                               .finding = collect};
+    struct gn_report report = report_into(&collector);
     gn_rules_judge_tlas_build(build, &report);
-    pthread_mutex_lock(&instance->lock);
-    for (size_t i = 0; i < gn_rules_count(); i++)
-        instance->evaluated[i] += gn_rule_set_has(&report.evaluated, i);
-    pthread_mutex_unlock(&instance->lock);
+    count_evaluated(instance, &report);
+}
+
+void gn_report_geometry(struct gn_instance *instance, const struct gn_geometry_contents *contents, struct gn_findings *out)
+{
+    struct collector collector = {instance, out};
+    struct gn_report report = report_into(&collector);
+    gn_rules_judge_geometry(contents, &report);
+    count_evaluated(instance, &report);
 }
 
 void gn_report_found(struct gn_instance *instance, const struct gn_finding *finding, uint64_t site, uint64_t times,
@@ -150,10 +169,7 @@ void gn_report_suspect(struct gn_instance *instance, const struct gn_suspect *su
         suspect->judge(suspect->value, &report);
         *suspect->place = NULL;
     }
-    pthread_mutex_lock(&instance->lock);
-    for (size_t i = 0; i < gn_rules_count(); i++)
-        instance->evaluated[i] += gn_rule_set_has(&report.evaluated, i);
-    pthread_mutex_unlock(&instance->lock);
+    count_evaluated(instance, &report);
 }
 
 void gn_report_confirm(struct gn_instance *instance, struct gn_pending_finding *finding, struct gn_findings *out)

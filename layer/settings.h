@@ -29,6 +29,7 @@ struct gn_settings {
     enum gn_shader_checks shader_checks;
     uint64_t shader_rules_off; /* a bit per rule about shaders */
     uint32_t instance_cap;
+    uint32_t input_cap;
     bool masks_declared;
     uint64_t declared_masks[4]; /* one bit per mask */
     uint32_t custom_index_bound; /* 0: not declared */

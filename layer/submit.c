@@ -199,20 +199,21 @@ static struct gn_submission *submission_of(struct replay *replay)
     return submission;
 }
 
-static void expect_judgement(struct replay *replay, struct gn_recording *recording, uint32_t index, uint64_t position)
+static void expect_judgement(struct replay *replay, struct gn_recording *recording, uint32_t index, struct gn_capture *capture,
+                             uint64_t position)
 {
     const struct gn_event *event = &recording->events[index];
     struct gn_device *device = replay->device;
     struct gn_judgement *judgement = NULL;
-    if (event->capture->pending)
-        settle_early(device, recording, event->capture, replay->findings);
+    if (capture->pending)
+        settle_early(device, recording, capture, replay->findings);
     if (!submission_of(replay))
         goto fail;
     judgement = calloc(1, sizeof *judgement);
     if (!judgement)
         goto fail;
     *judgement = (struct gn_judgement){.recording = gn_recording_keep(recording),
-                                       .capture = event->capture,
+                                       .capture = capture,
                                        .tlas = gn_as_keep(event->target),
                                        .event = index,
                                        .command_buffer = replay->command_buffer,
@@ -221,7 +222,7 @@ static void expect_judgement(struct replay *replay, struct gn_recording *recordi
                                        .submission = replay->number,
                                        .version = event->target->writes};
     event->target->judging++;
-    event->capture->pending = judgement;
+    capture->pending = judgement;
     atomic_fetch_add(&device->instance->open_judgements, 1);
     *replay->submission->last = judgement;
     replay->submission->last = &judgement->next;
@@ -325,8 +326,10 @@ static void judge_command(const void *value, struct gn_report *report)
 static void judge_fault(const void *value, struct gn_report *report)
 {
     const struct gn_fault *fault = value;
-    if (fault->is_clash)
+    if (fault->kind == GN_FAULT_CLASH)
         gn_rules_judge_clash(&fault->of.clash, report);
+    else if (fault->kind == GN_FAULT_DEMAND)
+        gn_rules_judge_demand(&fault->of.demand, report);
     else
         gn_rules_judge_input(&fault->of.input, report);
 }
@@ -397,11 +400,15 @@ static void suspect_command(struct replay *replay, const struct gn_event *event,
 static void suspect_faults(struct replay *replay, const struct gn_event *event, uint64_t position)
 {
     for (struct gn_fault *fault = event->faults; fault; fault = fault->next) {
-        const char **place = fault->is_clash ? &fault->of.clash.place : &fault->of.input.place;
+        const char **place = fault->kind == GN_FAULT_CLASH    ? &fault->of.clash.place
+                             : fault->kind == GN_FAULT_DEMAND ? &fault->of.demand.place
+                                                              : &fault->of.input.place;
         /* A name may have been given, or changed, since the recording. */
-        if (fault->is_clash) {
+        if (fault->kind == GN_FAULT_CLASH) {
             fault->of.clash.first_target.name = fault->structures[0]->name;
             fault->of.clash.second_target.name = fault->structures[1]->name;
+        } else if (fault->kind == GN_FAULT_DEMAND) {
+            fault->of.demand.target.name = fault->structures[0] ? fault->structures[0]->name : NULL;
         } else {
             fault->of.input.target.name = fault->structures[0]->name;
         }
@@ -539,12 +546,15 @@ static void replay_recording(struct replay *replay, struct gn_recording *recordi
         gn_as_written(device, event->target, replay->queue->id, position);
         fill(event, replay->queue->id, position);
         gn_tally_check(device, GN_CHECKED_builds, 1);
-        if (!event->is_tlas)
+        if (!event->is_tlas) {
+            for (struct gn_capture *capture = event->capture; capture; capture = capture->next)
+                expect_judgement(replay, recording, i, capture, position);
             continue;
+        }
         if (event->unjudged != GN_UNJUDGED_COUNT)
             gn_tally_unjudged(device, event->unjudged, 1);
         else if (event->capture)
-            expect_judgement(replay, recording, i, position);
+            expect_judgement(replay, recording, i, event->capture, position);
         else
             gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
     }

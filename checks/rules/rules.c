@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The catalogue, names, and how rules are run and report. */
+#include "checks/rules/geometry.h"
 #include "checks/rules/rules.h"
 #include "checks/rules/survey.h"
 
@@ -233,6 +234,37 @@ void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report)
         gn_rule_set_put(&report->evaluated, i, true);
     }
     report->rule = NULL;
+}
+
+void gn_rules_judge_demand(const struct gn_demand *demand, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_DEMAND, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.demand(demand, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
+void gn_rules_judge_geometry(const struct gn_geometry_contents *contents, struct gn_report *report)
+{
+    struct gn_geometry_survey survey;
+    bool surveyed = false;
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_GEOMETRY, report))
+            continue;
+        if (!surveyed)
+            gn_geometry_survey(contents, &survey);
+        surveyed = true;
+        report->geometry = &survey;
+        report->rule = catalogue[i];
+        catalogue[i]->test.geometry(contents, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+    report->geometry = NULL;
 }
 
 static uint64_t mix(uint64_t hash, uint64_t value)

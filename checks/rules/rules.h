@@ -35,15 +35,25 @@ bool gn_severity_parse(const char *name, enum gn_severity *out);
 
 struct gn_rule;
 struct gn_report;
+struct gn_geometry_contents;
+struct gn_geometry_survey;
 
 /* What a rule is about: which values its test takes. */
-enum gn_rule_event { GN_RULE_ON_TLAS_BUILD, GN_RULE_ON_COMMAND, GN_RULE_ON_INPUT, GN_RULE_ON_CLASH, GN_RULE_ON_USE };
+enum gn_rule_event {
+    GN_RULE_ON_TLAS_BUILD,
+    GN_RULE_ON_COMMAND,
+    GN_RULE_ON_INPUT,
+    GN_RULE_ON_CLASH,
+    GN_RULE_ON_USE,
+    GN_RULE_ON_DEMAND,
+    GN_RULE_ON_GEOMETRY
+};
 
 #define GN_RULE_MAX_SOURCES 16
 
 /* One rule. `id` is dotted and stable: settings, logs and expectation files use it. `text` states what is
  * required, `remedy` is one sentence that says what to change. `sources` ends at the first NULL: valid-usage ids of
- * Vulkan and clause ids. */
+ * Vulkan, titles of its sections ("Vulkan: Shader Binding Table"), and clause ids. */
 struct gn_rule {
     const char *id;
     const char *title;
@@ -59,6 +69,8 @@ struct gn_rule {
         void (*input)(const struct gn_input *input, struct gn_report *report);
         void (*clash)(const struct gn_clash *clash, struct gn_report *report);
         void (*use)(const struct gn_trouble *use, struct gn_report *report);
+        void (*demand)(const struct gn_demand *demand, struct gn_report *report);
+        void (*geometry)(const struct gn_geometry_contents *contents, struct gn_report *report);
         void (*tlas_build)(const struct gn_tlas_build *build, struct gn_report *report);
     } test;
 };
@@ -102,6 +114,7 @@ struct gn_report {
     void (*finding)(void *context, uint64_t site, const struct gn_finding *finding);
     const struct gn_rule *rule;   /* the rule now running; the library sets it */
     const struct gn_survey *survey; /* of the TLAS build that is judged (survey.h); the library sets it */
+    const struct gn_geometry_survey *geometry; /* of the geometry that is judged (geometry.h); the library sets it */
     struct gn_rule_set evaluated; /* the library adds every rule that it ran */
 };
 
@@ -113,6 +126,8 @@ void gn_rules_judge_command(const struct gn_command *command, struct gn_report *
 void gn_rules_judge_input(const struct gn_input *input, struct gn_report *report);
 void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report);
 void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report);
+void gn_rules_judge_demand(const struct gn_demand *demand, struct gn_report *report);
+void gn_rules_judge_geometry(const struct gn_geometry_contents *contents, struct gn_report *report);
 bool gn_rules_about_command(enum gn_command_kind kind, const struct gn_rule_set *enabled, enum gn_profile profile);
 
 /* For rules: the same severity in every profile. */

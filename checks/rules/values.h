@@ -134,6 +134,30 @@ struct gn_input {
     uint64_t buffer_address, buffer_size; /* the buffer in which the array begins; size 0: not known */
 };
 
+/* A number that the API bounds, found to be wrong when a command was recorded. */
+enum gn_demand_kind {
+    GN_DEMAND_ALIGNMENT, /* `value` is to be a multiple of `bound` */
+    GN_DEMAND_LIMIT,     /* at most `bound` */
+    GN_DEMAND_USAGE,     /* the buffer at the address `value` is to have the usage `needs` */
+    GN_DEMAND_STORAGE,   /* the structure that is built has `value` bytes and needs `bound` */
+    GN_DEMAND_SCRATCH,   /* from the scratch address, the buffer has `value` bytes and the build needs `bound` */
+    GN_DEMAND_KIND_COUNT
+};
+
+#define GN_NO_INDEX 0xFFFFFFFFu
+
+struct gn_demand {
+    enum gn_demand_kind kind;
+    const char *place;
+    struct gn_object target;
+    uint64_t target_id;
+    uint32_t info, geometry; /* GN_NO_INDEX: none in particular */
+    const char *what;        /* what the API calls it */
+    uint64_t value, bound;
+    const char *needs;       /* a usage, or the name of the limit; NULL: there is none */
+    struct gn_object buffer; /* kind is GN_OBJECT_NONE where it does not matter */
+};
+
 /* Two elements of one build command that use the same memory, which nothing orders. */
 enum gn_clash_kind {
     GN_CLASH_TARGETS, /* both write one structure */

@@ -261,7 +261,7 @@ struct fixture {
     struct gn_device *device;
     VkDevice handle;
     VkCommandBuffer commands[8];
-    VkAccelerationStructureInstanceKHR record;
+    _Alignas(16) VkAccelerationStructureInstanceKHR record;
     VkBuffer input;
 };
 

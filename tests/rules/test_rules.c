@@ -4,6 +4,7 @@
 #include "checks/rules/instance.h"
 #include "checks/rules/rules.h"
 #include "checks/rules/survey.h"
+#include "tests/rules/contents.h"
 
 #include <math.h>
 #include <setjmp.h>
@@ -703,6 +704,7 @@ static void every_rule_fires_and_stays_silent(void **state)
         for (size_t i = 0; i < USE_ROW_COUNT; i++)
             if (strcmp(use_rows[i].rule, gn_rules_at(r)->id) == 0)
                 use_rows[i].expected ? firing++ : silent++;
+        contents_rows_count(gn_rules_at(r)->id, &firing, &silent);
         if (!firing || !silent) {
             print_error("%s has %d firing and %d silent rows; it needs both\n", gn_rules_at(r)->id, firing, silent);
             failures++;
@@ -738,7 +740,7 @@ static void every_block_is_complete(void **state)
         assert_true(rule->title[0] && rule->text[0] && rule->remedy[0]);
         assert_non_null(rule->sources[0]);
         for (int s = 0; rule->sources[s]; s++)
-            assert_true(strncmp(rule->sources[s], "VUID-", 5) == 0 ||
+            assert_true(strncmp(rule->sources[s], "VUID-", 5) == 0 || strncmp(rule->sources[s], "Vulkan: ", 8) == 0 ||
                         (strlen(rule->sources[s]) == 6 && rule->sources[s][2] == '-'));
         for (int p = 0; p < GN_PROFILE_COUNT; p++) {
             assert_in_range(rule->severity[p], GN_SEVERITY_SILENT, GN_SEVERITY_ERROR);
@@ -886,6 +888,7 @@ int main(void)
         cmocka_unit_test(every_row),
         cmocka_unit_test(every_command_row),
         cmocka_unit_test(every_input_row),
+        cmocka_unit_test(contents_rows_run),
         cmocka_unit_test(every_rule_fires_and_stays_silent),
         cmocka_unit_test(every_block_is_complete),
         cmocka_unit_test(disabled_rules_do_not_run),

@@ -1,0 +1,232 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Rules about numbers that the API bounds, and about what builds read from memory. */
+#include "tests/rules/contents.h"
+
+#include <math.h>
+#include <setjmp.h>
+#include <stdarg.h>
+#include <stddef.h>
+#include <stdint.h>
+#include <stdio.h>
+#include <string.h>
+
+#include <cmocka.h>
+
+#include "checks/rules/geometry.h"
+#include "checks/rules/rules.h"
+
+struct heard {
+    unsigned findings;
+    char first[2048];
+};
+
+static void hear(void *context, uint64_t site, const struct gn_finding *finding)
+{
+    struct heard *heard = context;
+    (void)site;
+    if (!heard->findings++)
+        snprintf(heard->first, sizeof heard->first, "%s", finding->message);
+}
+
+static struct gn_report report_of(const char *rule, struct heard *heard)
+{
+    struct gn_report report = {.profile = GN_PROFILE_VULKAN, .context = heard, .finding = hear};
+    for (size_t i = 0; i < gn_rules_count(); i++)
+        if (strcmp(gn_rules_at(i)->id, rule) == 0)
+            gn_rule_set_put(&report.enabled, i, true);
+    return report;
+}
+
+static int expect(const char *rule, const char *name, unsigned expected, const char *says, const struct heard *heard)
+{
+    if (heard->findings == expected && (!says || strstr(heard->first, says)))
+        return 0;
+    print_error("%s, row \"%s\": expected %u findings saying \"%s\", found %u: \"%s\"\n", rule, name, expected, says ? says : "",
+                heard->findings, heard->first);
+    return 1;
+}
+
+struct demand_row {
+    const char *rule;
+    const char *name;
+    enum gn_demand_kind kind;
+    unsigned expected;
+    const char *says;
+};
+
+static const struct demand_row demand_rows[] = {
+    {"inputs.misaligned", "an alignment", GN_DEMAND_ALIGNMENT, 1, "a member of pInfos[1].pGeometries[2], for BLAS \"tree\" (0x1), is 0x11 (17), which is no multiple of 16"},
+    {"inputs.misaligned", "a limit", GN_DEMAND_LIMIT, 0, NULL},
+    {"inputs.limit", "a limit", GN_DEMAND_LIMIT, 1, "is 17, more than a name, which is 16"},
+    {"inputs.limit", "an alignment", GN_DEMAND_ALIGNMENT, 0, NULL},
+    {"inputs.buffer_usage", "a usage", GN_DEMAND_USAGE, 1, "at address 0x11 lies in buffer 0x7, which was created without a name"},
+    {"inputs.buffer_usage", "a limit", GN_DEMAND_LIMIT, 0, NULL},
+    {"build.structure_too_small", "a size", GN_DEMAND_STORAGE, 1, "created with 17 bytes, but"},
+    {"build.structure_too_small", "scratch", GN_DEMAND_SCRATCH, 0, NULL},
+    {"build.scratch_too_small", "scratch", GN_DEMAND_SCRATCH, 1, "leaves 17 bytes to the end of its buffer, but a name for this build is 16"},
+    {"build.scratch_too_small", "a size", GN_DEMAND_STORAGE, 0, NULL},
+};
+#define DEMAND_COUNT (sizeof demand_rows / sizeof demand_rows[0])
+
+/* The geometry of a row: two triangles over four vertices, a transform, and two boxes, then altered. */
+struct subject {
+    struct gn_geometry_contents contents;
+    uint32_t indices[6];
+    float vertices[12], transform[12], boxes[12];
+};
+
+struct geometry_row {
+    const char *rule;
+    const char *name;
+    unsigned expected;
+    const char *says;
+    void (*alter)(struct subject *subject);
+};
+
+#define ALTER(name, ...)                                                                                               \
+    static void name(struct subject *subject)                                                                          \
+    {                                                                                                                  \
+        struct gn_geometry_contents *contents = &subject->contents;                                                    \
+        (void)contents;                                                                                                \
+        __VA_ARGS__;                                                                                                   \
+    }
+
+static const unsigned char *bytes(const void *data)
+{
+    return data;
+}
+
+ALTER(with_boxes, contents->boxes = bytes(subject->boxes); contents->box_stride = 24; contents->box_count = 2)
+ALTER(highest_index, subject->indices[4] = 3)
+ALTER(index_4, subject->indices[4] = 4)
+ALTER(index_restart, subject->indices[4] = 0xFFFFFFFF)
+ALTER(index_4_announced, index_4(subject); contents->max_vertex = 4)
+ALTER(no_indices, contents->indices = NULL; contents->max_vertex = 0)
+ALTER(index_outside, index_4_announced(subject); contents->vertices_in_buffer = 4)
+ALTER(index_at_end, index_4_announced(subject); contents->vertices_in_buffer = 5)
+ALTER(short_indices, static const uint16_t few[] = {0, 1, 2, 2, 1, 9}; contents->indices = bytes(few); contents->index_size = 2)
+ALTER(byte_indices, static const uint8_t few[] = {0, 1, 2, 2, 1, 3}; contents->indices = bytes(few); contents->index_size = 1)
+ALTER(nan_y, subject->vertices[4] = NAN)
+ALTER(nan_z_of_last, subject->vertices[11] = NAN)
+ALTER(nan_z_unused, subject->vertices[11] = NAN; subject->indices[5] = 0)
+ALTER(nan_x, subject->vertices[3] = NAN; subject->vertices[4] = NAN)
+ALTER(nan_beyond_the_copy, subject->vertices[11] = NAN; contents->vertex_count = 3)
+ALTER(nan_in_padding, subject->vertices[11] = NAN; contents->component_count = 2)
+ALTER(nan_in_integers, subject->vertices[4] = NAN; contents->component_count = 0)
+ALTER(nan_half, static const uint16_t few[] = {0, 0, 0, 0x3C00, 0x7E00, 0, 0, 0x3C00, 0, 0x3C00, 0x3C00, 0};
+      contents->vertices = bytes(few); contents->vertex_stride = 6; contents->component_size = 2)
+ALTER(infinite_half, static const uint16_t few[] = {0, 0, 0, 0x3C00, 0x7C00, 0, 0, 0x3C00, 0, 0x3C00, 0x3C00, 0};
+      contents->vertices = bytes(few); contents->vertex_stride = 6; contents->component_size = 2)
+ALTER(nan_double, static const double few[] = {0, 0, 0, 1, NAN, 0, 0, 1, 0, 1, 1, 0};
+      contents->vertices = bytes(few); contents->vertex_stride = 24; contents->component_size = 8)
+ALTER(infinite_x, subject->vertices[3] = -INFINITY)
+ALTER(infinite_and_inactive, subject->vertices[4] = INFINITY; subject->vertices[0] = subject->vertices[9] = NAN)
+ALTER(largest, subject->vertices[3] = 3.402823466e38f)
+ALTER(box_flat, with_boxes(subject); subject->boxes[9] = subject->boxes[6])
+ALTER(box_inverted, with_boxes(subject); subject->boxes[10] = -1)
+ALTER(box_inactive, box_inverted(subject); subject->boxes[6] = NAN)
+ALTER(box_max_nan, with_boxes(subject); subject->boxes[11] = NAN)
+ALTER(transform_flat, contents->transform = bytes(subject->transform); subject->transform[5] = 0)
+ALTER(transform_nan, contents->transform = bytes(subject->transform); subject->transform[6] = NAN)
+ALTER(transform_mirror, contents->transform = bytes(subject->transform); subject->transform[0] = -1e-12f)
+ALTER(transform_far, contents->transform = bytes(subject->transform); subject->transform[3] = INFINITY)
+
+#define ABOVE "inputs.index_beyond_max_vertex"
+#define OUTSIDE "inputs.index_beyond_buffer"
+
+static const struct geometry_row geometry_rows[] = {
+    {ABOVE, "as announced", 0, NULL, highest_index},
+    {ABOVE, "one above", 1, "index 4 (of triangle 1) of pInfos[1].pGeometries[2], for BLAS \"tree\" (0x1), is 4, but maxVertex is 3; 1 of 6", index_4},
+    {ABOVE, "all ones", 1, "is 4294967295, but", index_restart},
+    {ABOVE, "announced", 0, NULL, index_4_announced},
+    {ABOVE, "16 bits", 1, "index 5 (of triangle 1)", short_indices},
+    {ABOVE, "8 bits", 0, NULL, byte_indices},
+    {ABOVE, "without indices", 0, NULL, no_indices},
+    {OUTSIDE, "behind the buffer", 1, "is 4, but the buffer of vertexData ends after 4 vertices", index_outside},
+    {OUTSIDE, "the last one", 0, NULL, index_at_end},
+    {OUTSIDE, "not announced either", 0, NULL, index_4},
+    {"inputs.nan", "in y", 1, "primitive 0 of", nan_y},
+    {"inputs.nan", "in z of the last vertex", 1, "primitive 1 of", nan_z_of_last},
+    {"inputs.nan", "of a vertex that nothing uses", 0, NULL, nan_z_unused},
+    {"inputs.nan", "inactive", 0, NULL, nan_x},
+    {"inputs.nan", "of a vertex that was not read", 0, NULL, nan_beyond_the_copy},
+    {"inputs.nan", "what follows two coordinates", 0, NULL, nan_in_padding},
+    {"inputs.nan", "integers", 0, NULL, nan_in_integers},
+    {"inputs.nan", "16 bits", 1, NULL, nan_half},
+    {"inputs.nan", "64 bits", 1, NULL, nan_double},
+    {"inputs.nan", "infinite only", 0, NULL, infinite_half},
+    {"inputs.nan", "max of a box", 1, "primitive 1 of", box_max_nan},
+    {"inputs.nan", "box that is inactive", 0, NULL, box_inactive},
+    {"inputs.infinite", "in x", 1, "triangle 0 of", infinite_x},
+    {"inputs.infinite", "16 bits", 1, NULL, infinite_half},
+    {"inputs.infinite", "of inactive triangles", 0, NULL, infinite_and_inactive},
+    {"inputs.infinite", "the largest number", 0, NULL, largest},
+    {"inputs.aabb_inverted", "flat", 0, NULL, box_flat},
+    {"inputs.aabb_inverted", "inverted", 1, "box 1 of pInfos[1].pGeometries[2], for BLAS \"tree\" (0x1), has min (0 0 0) and max (1 -1 1)", box_inverted},
+    {"inputs.aabb_inverted", "inactive", 0, NULL, box_inactive},
+    {"inputs.aabb_inverted", "NaN", 0, NULL, box_max_nan},
+    {"inputs.transform_singular", "flat", 1, "(1 0 0; 0 0 0; 0 0 1)", transform_flat},
+    {"inputs.transform_singular", "not a number", 1, NULL, transform_nan},
+    {"inputs.transform_singular", "tiny and mirrored", 0, NULL, transform_mirror},
+    {"inputs.transform_singular", "infinitely far away", 0, NULL, transform_far},
+};
+#define GEOMETRY_COUNT (sizeof geometry_rows / sizeof geometry_rows[0])
+
+static void subject_init(struct subject *subject)
+{
+    *subject = (struct subject){.indices = {0, 1, 2, 2, 1, 3},
+                                .vertices = {0, 0, 0, 1, 0, 0, 0, 1, 0, 1, 1, 0},
+                                .transform = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0},
+                                .boxes = {0, 0, 0, 1, 1, 1, 0, 0, 0, 1, 1, 1}};
+    subject->contents = (struct gn_geometry_contents){.target = {GN_OBJECT_BLAS, 1, "tree"},
+                                                      .target_id = 1,
+                                                      .info = 1,
+                                                      .geometry = 2,
+                                                      .indices = bytes(subject->indices),
+                                                      .index_size = 4,
+                                                      .index_count = 6,
+                                                      .max_vertex = 3,
+                                                      .vertices = bytes(subject->vertices),
+                                                      .vertex_stride = 12,
+                                                      .vertex_count = 4,
+                                                      .vertices_in_buffer = UINT64_MAX,
+                                                      .component_size = 4,
+                                                      .component_count = 3};
+}
+
+void contents_rows_run(void **state)
+{
+    int failures = 0;
+    (void)state;
+    for (size_t i = 0; i < DEMAND_COUNT; i++) {
+        const struct demand_row *row = &demand_rows[i];
+        struct heard heard = {.findings = 0};
+        struct gn_report report = report_of(row->rule, &heard);
+        struct gn_demand demand = {.kind = row->kind, .target = {GN_OBJECT_BLAS, 1, "tree"}, .target_id = 1, .info = 1, .geometry = 2,
+                                   .what = "a member", .value = 17, .bound = 16, .buffer = {GN_OBJECT_BUFFER, 7, NULL},
+                                   .needs = row->kind == GN_DEMAND_ALIGNMENT ? NULL : "a name"};
+        gn_rules_judge_demand(&demand, &report);
+        failures += expect(row->rule, row->name, row->expected, row->says, &heard);
+    }
+    for (size_t i = 0; i < GEOMETRY_COUNT; i++) {
+        const struct geometry_row *row = &geometry_rows[i];
+        struct heard heard = {.findings = 0};
+        struct gn_report report = report_of(row->rule, &heard);
+        struct subject subject;
+        subject_init(&subject);
+        row->alter(&subject);
+        gn_rules_judge_geometry(&subject.contents, &report);
+        failures += expect(row->rule, row->name, row->expected, row->says, &heard);
+    }
+    assert_int_equal(failures, 0);
+}
+
+void contents_rows_count(const char *rule, int *firing, int *silent)
+{
+    for (size_t i = 0; i < DEMAND_COUNT; i++)
+        if (strcmp(demand_rows[i].rule, rule) == 0)
+            demand_rows[i].expected ? ++*firing : ++*silent;
+    for (size_t i = 0; i < GEOMETRY_COUNT; i++)
+        if (strcmp(geometry_rows[i].rule, rule) == 0)
+            geometry_rows[i].expected ? ++*firing : ++*silent;
+}
