@@ -44,8 +44,19 @@ struct gn_case_family {
     size_t case_count;
 };
 
-/* All families, in the order of families.def. */
+/* What a case is run through. Every case of a family exists once for each of the family's. */
+enum gn_case_backend {
+    GN_CASE_QUERY, /* ray queries */
+    GN_CASE_PIPELINE, /* ray tracing pipelines */
+    GN_CASE_NEITHER, /* nothing is traced, or the case chooses: its name has no prefix */
+    GN_CASE_BACKEND_COUNT
+};
+/* "query", "pipeline", "". */
+const char *gn_case_backend_name(enum gn_case_backend backend);
+
+/* All families, in the order of families.def, and their backends as sums of 1 << enum gn_case_backend. */
 extern const struct gn_case_family *const gn_case_families[];
+extern const uint32_t gn_case_family_backends[];
 extern const size_t gn_case_family_count;
 
 /* The first ray that was judged worst, and what is needed to show it. */
@@ -99,6 +110,7 @@ struct gn_case_result {
     char message[1024]; /* why not pass: the first offending ray, the driver's answer, the right one */
     double seconds;
     uint64_t rays;
+    uint64_t checks; /* of gn_case_check() */
     uint64_t ideal_hits;
     uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT];
     double hit_error_median, hit_error_p999, hit_error_max; /* units of 2^-24, over hits */
@@ -126,6 +138,7 @@ struct gn_case_run {
     struct gn_arena arena; /* finished when the case is over */
     struct gn_random random; /* seeded by the run's seed and the case's name */
     double scale; /* multiplies ray counts; 1 unless asked for by --scale */
+    struct gn_cts_route route; /* of the traces to come; the backend's, until the case changes it */
     struct gn_case_result result;
     /* Replay: only this ray of this trace is explained; -1 otherwise. */
     int64_t only_trace;
@@ -143,6 +156,14 @@ struct gn_case_run {
  */
 void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width);
+
+/*
+ * The first half of gn_case_trace(): the answers alone, in memory of the arena. False when there are none: the run
+ * then knows why, or only another trace of it is asked for.
+ */
+bool gn_case_answers(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                     const struct gn_cts_ray *rays, uint32_t ray_count, struct gn_arena *arena,
+                     struct gn_cts_answers *out_answers);
 
 /*
  * The second half of gn_case_trace(): judges answers that came from elsewhere than run->device, one for each ray.
@@ -166,6 +187,10 @@ void gn_case_point_end(struct gn_case_run *run);
 /* Ends the case as skipped, with the reason; the first reason counts. The caller returns after it. */
 void gn_case_skip(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
+/* What is not about a ray: counts a check, and fails the case when it does not hold. Gives `holds` back. */
+bool gn_case_check(struct gn_case_run *run, bool holds, const char *format, ...)
+    __attribute__((format(printf, 3, 4)));
+
 /* Fails the case with a message that states both values; the first message is kept. */
 void gn_case_fail(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
 
@@ -178,7 +203,8 @@ void gn_case_run_begin(const struct gn_case *self, struct gn_device *device, uin
 void gn_case_run_end(struct gn_case_run *run);
 
 /* Runs one case in this process, from zeroed result to final status. */
-void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
+void gn_case_execute(const struct gn_case *self, enum gn_case_backend backend, struct gn_device *device,
+                     uint64_t seed, double scale,
                      int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run);
 void gn_case_run_finish(struct gn_case_run *run);
 

@@ -223,7 +223,7 @@ static VkResult instance_create(struct gn_device *device)
 struct candidate {
     VkPhysicalDevice physical;
     VkPhysicalDeviceProperties properties;
-    bool position_fetch, index_uint8_khr, index_uint8_ext, pipeline;
+    bool query, pipeline, pipeline_library, position_fetch, maintenance1, index_uint8_khr, index_uint8_ext;
     char lacks[256]; /* "" when it will do */
 };
 
@@ -248,7 +248,6 @@ static void candidate_examine(struct candidate *candidate)
     static const char *const needed[] = {
         VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME,
         VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME,
-        VK_KHR_RAY_QUERY_EXTENSION_NAME,
     };
     for (size_t i = 0; i < sizeof needed / sizeof needed[0]; i++) {
         if (!has_extension(list, count, needed[i])) {
@@ -259,48 +258,64 @@ static void candidate_examine(struct candidate *candidate)
     candidate->position_fetch = has_extension(list, count, VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME);
     candidate->index_uint8_khr = has_extension(list, count, VK_KHR_INDEX_TYPE_UINT8_EXTENSION_NAME);
     candidate->index_uint8_ext = has_extension(list, count, VK_EXT_INDEX_TYPE_UINT8_EXTENSION_NAME);
+    candidate->query = has_extension(list, count, VK_KHR_RAY_QUERY_EXTENSION_NAME);
     candidate->pipeline = has_extension(list, count, VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME);
+    candidate->pipeline_library = has_extension(list, count, VK_KHR_PIPELINE_LIBRARY_EXTENSION_NAME);
+    candidate->maintenance1 = has_extension(list, count, VK_KHR_RAY_TRACING_MAINTENANCE_1_EXTENSION_NAME);
+    if (!candidate->query && !candidate->pipeline) {
+        snprintf(candidate->lacks, sizeof candidate->lacks, "lacks %s and %s", VK_KHR_RAY_QUERY_EXTENSION_NAME,
+                 VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME);
+    }
 done:
     free(list);
 }
 
-/* Asks for the features; those of extensions that the device does not have stay false. */
+/* Those of extensions that the device does not have stay false. */
 struct features {
     VkPhysicalDeviceFeatures2 core;
     VkPhysicalDeviceBufferDeviceAddressFeatures address;
     VkPhysicalDeviceAccelerationStructureFeaturesKHR structure;
     VkPhysicalDeviceRayQueryFeaturesKHR query;
-    VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR position_fetch;
     VkPhysicalDeviceRayTracingPipelineFeaturesKHR pipeline;
+    VkPhysicalDeviceRayTracingMaintenance1FeaturesKHR maintenance1;
+    VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR position_fetch;
     VkPhysicalDeviceIndexTypeUint8FeaturesKHR index_uint8;
 };
 
-static void features_query(const struct candidate *candidate, struct features *features)
+/* A chain of the structures that the device knows, everything false. */
+static void features_chain(const struct candidate *candidate, struct features *features)
 {
+    const struct {
+        bool known;
+        VkStructureType type;
+        void *structure;
+    } links[] = {
+        {true, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES, &features->address},
+        {true, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR, &features->structure},
+        {candidate->query, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_QUERY_FEATURES_KHR, &features->query},
+        {candidate->pipeline, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR, &features->pipeline},
+        {candidate->maintenance1, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_MAINTENANCE_1_FEATURES_KHR,
+         &features->maintenance1},
+        {candidate->position_fetch, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR,
+         &features->position_fetch},
+        {candidate->index_uint8_khr || candidate->index_uint8_ext,
+         VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_INDEX_TYPE_UINT8_FEATURES_KHR, &features->index_uint8},
+    };
     memset(features, 0, sizeof *features);
     features->core.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2;
-    features->address.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES;
-    features->structure.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR;
-    features->query.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_QUERY_FEATURES_KHR;
-    features->position_fetch.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR;
-    features->pipeline.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR;
-    features->index_uint8.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_INDEX_TYPE_UINT8_FEATURES_KHR;
+    for (size_t i = 0; i < sizeof links / sizeof links[0]; i++) {
+        if (links[i].known) {
+            VkBaseOutStructure *link = links[i].structure;
+            link->sType = links[i].type;
+            link->pNext = features->core.pNext;
+            features->core.pNext = link;
+        }
+    }
+}
 
-    features->core.pNext = &features->address;
-    features->address.pNext = &features->structure;
-    features->structure.pNext = &features->query;
-    void **tail = &features->query.pNext;
-    if (candidate->position_fetch) {
-        *tail = &features->position_fetch;
-        tail = &features->position_fetch.pNext;
-    }
-    if (candidate->pipeline) {
-        *tail = &features->pipeline;
-        tail = &features->pipeline.pNext;
-    }
-    if (candidate->index_uint8_khr || candidate->index_uint8_ext) {
-        *tail = &features->index_uint8;
-    }
+static void features_query(const struct candidate *candidate, struct features *features)
+{
+    features_chain(candidate, features);
     vkGetPhysicalDeviceFeatures2(candidate->physical, &features->core);
 }
 
@@ -308,10 +323,11 @@ static void candidate_examine_features(struct candidate *candidate)
 {
     struct features features;
     features_query(candidate, &features);
-    const char *missing = !features.address.bufferDeviceAddress           ? "bufferDeviceAddress"
-                          : !features.structure.accelerationStructure     ? "accelerationStructure"
-                          : !features.query.rayQuery                      ? "rayQuery"
-                                                                          : NULL;
+    const char *missing = !features.address.bufferDeviceAddress       ? "bufferDeviceAddress"
+                          : !features.structure.accelerationStructure ? "accelerationStructure"
+                          : !features.query.rayQuery && !features.pipeline.rayTracingPipeline
+                              ? "rayQuery, and rayTracingPipeline"
+                              : NULL;
     if (missing) {
         snprintf(candidate->lacks, sizeof candidate->lacks, "lacks the feature %s", missing);
     }
@@ -354,7 +370,7 @@ static bool physical_choose(struct gn_device *device, int index, struct candidat
         goto done;
     }
     snprintf(out_error, error_size, "no device with ray tracing (Vulkan 1.2 with acceleration structures and "
-                                    "ray queries); seen:");
+                                    "ray queries or ray tracing pipelines); seen:");
     for (uint32_t i = 0; i < count && !found; i++) {
         struct candidate candidate = {.physical = physicals[i]};
         candidate_examine(&candidate);
@@ -399,9 +415,13 @@ static void info_fill(struct gn_device *device, const struct candidate *candidat
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR,
         .pNext = &driver,
     };
+    VkPhysicalDeviceRayTracingPipelinePropertiesKHR pipeline_limits = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_PROPERTIES_KHR,
+        .pNext = &limits,
+    };
     VkPhysicalDeviceProperties2 properties = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2,
-        .pNext = &limits,
+        .pNext = candidate->pipeline ? (void *)&pipeline_limits : (void *)&limits,
     };
     vkGetPhysicalDeviceProperties2(device->physical, &properties);
     vkGetPhysicalDeviceMemoryProperties(device->physical, &device->memory);
@@ -417,25 +437,37 @@ static void info_fill(struct gn_device *device, const struct candidate *candidat
     memcpy(info->device_uuid, ids.deviceUUID, VK_UUID_SIZE);
     memcpy(info->driver_uuid, ids.driverUUID, VK_UUID_SIZE);
     info->ray_query = features->query.rayQuery;
-    info->ray_tracing_pipeline = candidate->pipeline && features->pipeline.rayTracingPipeline;
-    info->position_fetch = candidate->position_fetch && features->position_fetch.rayTracingPositionFetch;
+    info->ray_tracing_pipeline = features->pipeline.rayTracingPipeline;
+    info->primitive_culling = features->pipeline.rayTraversalPrimitiveCulling;
+    info->trace_indirect = features->pipeline.rayTracingPipelineTraceRaysIndirect;
+    info->trace_indirect2 = features->maintenance1.rayTracingPipelineTraceRaysIndirect2;
+    info->pipeline_library = info->ray_tracing_pipeline && candidate->pipeline_library;
+    info->vertex_stores = features->core.features.vertexPipelineStoresAndAtomics;
+    info->fragment_stores = features->core.features.fragmentStoresAndAtomics;
+    info->position_fetch = features->position_fetch.rayTracingPositionFetch;
     info->host_builds = features->structure.accelerationStructureHostCommands;
     info->indirect_builds = features->structure.accelerationStructureIndirectBuild;
     info->index_uint8 = features->index_uint8.indexTypeUint8;
     limits.pNext = NULL;
     info->limits = limits;
+    pipeline_limits.pNext = NULL;
+    info->pipeline_limits = pipeline_limits;
 }
 
-/* The first family that computes: acceleration structures are built there, too. */
+/* The first family that computes, better one that draws as well: acceleration structures are built there, too. */
 static bool queue_family_find(struct gn_device *device)
 {
     VkQueueFamilyProperties families[32];
     uint32_t count = sizeof families / sizeof families[0];
     vkGetPhysicalDeviceQueueFamilyProperties(device->physical, &count, families);
-    for (uint32_t i = 0; i < count; i++) {
-        if (families[i].queueFlags & VK_QUEUE_COMPUTE_BIT) {
-            device->queue_family = i;
-            return true;
+    static const VkQueueFlags wishes[] = {VK_QUEUE_COMPUTE_BIT | VK_QUEUE_GRAPHICS_BIT, VK_QUEUE_COMPUTE_BIT};
+    for (size_t w = 0; w < sizeof wishes / sizeof wishes[0]; w++) {
+        for (uint32_t i = 0; i < count; i++) {
+            if ((families[i].queueFlags & wishes[w]) == wishes[w]) {
+                device->queue_family = i;
+                device->info.graphics = families[i].queueFlags & VK_QUEUE_GRAPHICS_BIT;
+                return true;
+            }
         }
     }
     return false;
@@ -443,35 +475,48 @@ static bool queue_family_find(struct gn_device *device)
 
 static VkResult device_open(struct gn_device *device, const struct candidate *candidate)
 {
-    struct features has;
+    struct features has, wanted;
     features_query(candidate, &has);
     info_fill(device, candidate, &has);
 
-    VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR position_fetch = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR,
-        .rayTracingPositionFetch = VK_TRUE,
+    /* What is asked for is what is used, so that a case cannot rest on something that was left on by chance. */
+    const struct gn_device_info *has_info = &device->info;
+    features_chain(candidate, &wanted);
+    wanted.core.features.vertexPipelineStoresAndAtomics = has_info->vertex_stores;
+    wanted.core.features.fragmentStoresAndAtomics = has_info->fragment_stores;
+    wanted.address.bufferDeviceAddress = VK_TRUE;
+    wanted.structure.accelerationStructure = VK_TRUE;
+    wanted.structure.accelerationStructureIndirectBuild = has_info->indirect_builds;
+    wanted.structure.accelerationStructureHostCommands = has_info->host_builds;
+    wanted.query.rayQuery = has_info->ray_query;
+    wanted.pipeline.rayTracingPipeline = has_info->ray_tracing_pipeline;
+    wanted.pipeline.rayTraversalPrimitiveCulling = has_info->primitive_culling;
+    wanted.pipeline.rayTracingPipelineTraceRaysIndirect = has_info->trace_indirect;
+    wanted.maintenance1.rayTracingMaintenance1 = has.maintenance1.rayTracingMaintenance1;
+    wanted.maintenance1.rayTracingPipelineTraceRaysIndirect2 = has_info->trace_indirect2;
+    wanted.position_fetch.rayTracingPositionFetch = has_info->position_fetch;
+
+    const struct {
+        bool known;
+        const char *name;
+    } extensions[] = {
+        {true, VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME},
+        {true, VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME},
+        {candidate->query, VK_KHR_RAY_QUERY_EXTENSION_NAME},
+        {candidate->pipeline, VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME},
+        {candidate->pipeline_library, VK_KHR_PIPELINE_LIBRARY_EXTENSION_NAME},
+        {candidate->maintenance1, VK_KHR_RAY_TRACING_MAINTENANCE_1_EXTENSION_NAME},
+        {candidate->position_fetch, VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME},
+        {candidate->index_uint8_khr, VK_KHR_INDEX_TYPE_UINT8_EXTENSION_NAME},
+        {candidate->index_uint8_ext && !candidate->index_uint8_khr, VK_EXT_INDEX_TYPE_UINT8_EXTENSION_NAME},
     };
-    VkPhysicalDeviceRayQueryFeaturesKHR query = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_QUERY_FEATURES_KHR,
-        .pNext = device->info.position_fetch ? &position_fetch : NULL,
-        .rayQuery = VK_TRUE,
-    };
-    VkPhysicalDeviceAccelerationStructureFeaturesKHR structure = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR,
-        .pNext = &query,
-        .accelerationStructure = VK_TRUE,
-    };
-    VkPhysicalDeviceBufferDeviceAddressFeatures address = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES,
-        .pNext = &structure,
-        .bufferDeviceAddress = VK_TRUE,
-    };
-    const char *names[4] = {
-        VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME,
-        VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME,
-        VK_KHR_RAY_QUERY_EXTENSION_NAME,
-        VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME,
-    };
+    const char *names[sizeof extensions / sizeof extensions[0]];
+    uint32_t name_count = 0;
+    for (size_t i = 0; i < sizeof extensions / sizeof extensions[0]; i++) {
+        if (extensions[i].known) {
+            names[name_count++] = extensions[i].name;
+        }
+    }
     const float priority = 1.0f;
     const VkDeviceQueueCreateInfo queue_info = {
         .sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
@@ -481,10 +526,10 @@ static VkResult device_open(struct gn_device *device, const struct candidate *ca
     };
     const VkDeviceCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_DEVICE_CREATE_INFO,
-        .pNext = &address,
+        .pNext = &wanted.core,
         .queueCreateInfoCount = 1,
         .pQueueCreateInfos = &queue_info,
-        .enabledExtensionCount = device->info.position_fetch ? 4 : 3,
+        .enabledExtensionCount = name_count,
         .ppEnabledExtensionNames = names,
     };
     VkResult result = vkCreateDevice(device->physical, &info, NULL, &device->handle);
@@ -493,13 +538,19 @@ static VkResult device_open(struct gn_device *device, const struct candidate *ca
     }
 #define X(name) device->name = (PFN_vk##name)vkGetDeviceProcAddr(device->handle, "vk" #name);
     GN_DEVICE_COMMANDS(X)
+    GN_PIPELINE_COMMANDS(X)
 #undef X
 #define X(name) \
     if (!device->name) { \
         return VK_ERROR_INITIALIZATION_FAILED; \
     }
     GN_DEVICE_COMMANDS(X)
+    if (device->info.ray_tracing_pipeline) {
+        GN_PIPELINE_COMMANDS(X)
+    }
 #undef X
+    device->CmdTraceRaysIndirect2KHR =
+        (PFN_vkCmdTraceRaysIndirect2KHR)vkGetDeviceProcAddr(device->handle, "vkCmdTraceRaysIndirect2KHR");
     vkGetDeviceQueue(device->handle, device->queue_family, 0, &device->queue);
 
     const VkCommandPoolCreateInfo pool_info = {

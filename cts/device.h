@@ -22,15 +22,20 @@ struct gn_device_info {
     uint8_t device_uuid[VK_UUID_SIZE], driver_uuid[VK_UUID_SIZE];
     bool ray_query;
     bool ray_tracing_pipeline;
+    bool primitive_culling; /* of pipelines; ray queries always have it */
+    bool trace_indirect, trace_indirect2;
+    bool pipeline_library;
     bool position_fetch;
     bool host_builds;
     bool indirect_builds;
     bool index_uint8;
+    bool graphics, vertex_stores, fragment_stores; /* for ray queries where something is drawn */
     VkPhysicalDeviceAccelerationStructurePropertiesKHR limits; /* pNext is NULL */
+    VkPhysicalDeviceRayTracingPipelinePropertiesKHR pipeline_limits; /* likewise; zero without pipelines */
 };
 
 /*
- * Opens the first device that has acceleration structures and ray queries (Vulkan 1.2 or newer). NULL on
+ * Opens the first device that has acceleration structures and ray queries or pipelines (Vulkan 1.2 or newer). NULL on
  * failure, with what was expected and found in out_error[error_size]: no loader, no such ICD file, no device,
  * no device with ray tracing (it names the devices it saw).
  */
@@ -77,13 +82,19 @@ struct gn_built_info {
 struct gn_built_info gn_built_scene_info(const struct gn_built_scene *built);
 
 /*
- * Traces the rays with ray queries in a compute shader, in chunks where there are many, and gives the answers
- * in memory of the arena. Opaque candidates are committed by the driver; the others are treated as each ray's
- * policy says (GN_CTS_CANDIDATES: never confirmed).
+ * Traces the rays by that route, in chunks where there are many, and gives the answers in memory of the arena.
+ * Opaque candidates are committed by the driver; the others are treated as each ray's policy says
+ * (GN_CTS_CANDIDATES: never confirmed). UNSUPPORTED where the device lacks what the route needs.
  */
-enum gn_device_status gn_scene_trace(struct gn_built_scene *built, enum gn_cts_program program,
-                                     const struct gn_cts_ray *rays, uint32_t ray_count, struct gn_arena *arena,
-                                     struct gn_cts_answers *out_answers);
+enum gn_device_status gn_scene_trace(struct gn_built_scene *built, const struct gn_cts_route *route,
+                                     enum gn_cts_program program, const struct gn_cts_ray *rays,
+                                     uint32_t ray_count, struct gn_arena *arena, struct gn_cts_answers *out_answers);
+
+/*
+ * What a shader answers instead of a kind of hit when something other than the traversal went wrong: the text of
+ * it for people, or NULL for a kind of hit.
+ */
+const char *gn_answer_fault(uint32_t kind);
 
 /*
  * The exact values that the device was given for a geometry: positions as the format encodes them, with the

@@ -18,6 +18,15 @@
     X(CmdCopyMemoryToAccelerationStructureKHR) \
     X(CmdWriteAccelerationStructuresPropertiesKHR)
 
+/* Of devices with ray tracing pipelines. */
+#define GN_PIPELINE_COMMANDS(X) \
+    X(CreateRayTracingPipelinesKHR) \
+    X(GetRayTracingShaderGroupHandlesKHR) \
+    X(GetRayTracingShaderGroupStackSizeKHR) \
+    X(CmdTraceRaysKHR) \
+    X(CmdTraceRaysIndirectKHR) \
+    X(CmdSetRayTracingPipelineStackSizeKHR)
+
 /* Memory */
 
 enum gn_memory_kind {
@@ -25,6 +34,7 @@ enum gn_memory_kind {
     GN_MEMORY_STRUCTURE, /* acceleration structures; on the device */
     GN_MEMORY_SCRATCH, /* on the device */
     GN_MEMORY_HOST, /* serialized structures, rays, answers; the host reads and writes them */
+    GN_MEMORY_TABLE, /* shader binding tables and what traces are told indirectly; the host writes them */
     GN_MEMORY_KIND_COUNT
 };
 
@@ -60,6 +70,9 @@ struct gn_program {
     VkPipeline pipeline;
 };
 
+struct gn_pipelines; /* of ray tracing; cts/device_pipeline.c */
+struct gn_drawing; /* ray queries where something is drawn; cts/device_draw.c */
+
 /* Buffers of rays and answers for one chunk; kept from trace to trace. */
 struct gn_trace_buffers {
     struct gn_pool pool;
@@ -83,7 +96,9 @@ struct gn_device {
 
 #define X(name) PFN_vk##name name;
     GN_DEVICE_COMMANDS(X)
+    GN_PIPELINE_COMMANDS(X)
 #undef X
+    PFN_vkCmdTraceRaysIndirect2KHR CmdTraceRaysIndirect2KHR; /* NULL without maintenance1 */
 
     VkDebugUtilsMessengerEXT messenger;
     uint64_t validation_count, validation_told; /* heard of; those that a status has told of */
@@ -95,6 +110,8 @@ struct gn_device {
     VkPipelineLayout pipeline_layout;
     struct gn_program programs[GN_CTS_PROGRAM_COUNT];
     struct gn_trace_buffers trace;
+    struct gn_pipelines *pipelines; /* NULL until they are needed */
+    struct gn_drawing *drawing; /* likewise */
 };
 
 /* Keeps the message and gives the status back, for `return gn_device_fail(...)`. */
@@ -196,7 +213,39 @@ struct gn_built_scene {
     struct gn_built_info info;
 };
 
+/* Traces (cts/device_trace.c) */
+
+/* `Constants` in cts/shaders/answer.glsl. */
+struct gn_trace_constants {
+    uint32_t ray_count;
+    uint32_t program; /* enum gn_cts_program */
+    uint32_t record_offset, record_stride, miss_index;
+    uint32_t depth;
+    uint32_t width, height; /* of the launch; whoever launches sets them */
+    uint32_t traps;
+};
+
+/* The layouts that all shaders of traces share. */
+enum gn_device_status gn_trace_layouts_create(struct gn_device *device);
+/* Records the pipeline, the descriptors and the constants. */
+void gn_trace_bind(struct gn_device *device, VkPipelineBindPoint point, VkPipeline pipeline,
+                   const struct gn_trace_constants *constants);
 /* Frees the programs and buffers that traces have made. */
 void gn_trace_finish(struct gn_device *device);
+
+/* Ray tracing pipelines (cts/device_pipeline.c): the pipeline and the shader binding tables of a scene are made
+ * ready, a chunk of rays is traced, and the tables are emptied again. */
+enum gn_device_status gn_pipeline_prepare(struct gn_built_scene *built, const struct gn_cts_route *route,
+                                          enum gn_cts_program program);
+enum gn_device_status gn_pipeline_chunk(struct gn_device *device, const struct gn_cts_route *route,
+                                        const struct gn_trace_constants *constants);
+void gn_pipeline_unprepare(struct gn_device *device);
+void gn_pipelines_finish(struct gn_device *device);
+
+/* Ray queries in vertex and fragment shaders (cts/device_draw.c). */
+enum gn_device_status gn_drawing_prepare(struct gn_device *device, enum gn_cts_entry entry);
+enum gn_device_status gn_drawing_chunk(struct gn_device *device, enum gn_cts_entry entry,
+                                       const struct gn_trace_constants *constants);
+void gn_drawing_finish(struct gn_device *device);
 
 #endif

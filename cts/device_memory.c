@@ -34,6 +34,9 @@ static const struct kind_traits traits[GN_MEMORY_KIND_COUNT] = {
                             VK_BUFFER_USAGE_TRANSFER_DST_BIT,
                         VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
                         VK_MEMORY_PROPERTY_HOST_CACHED_BIT},
+    [GN_MEMORY_TABLE] = {VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT,
+                         VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
+                         VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT},
 };
 
 /* The first memory type that has everything preferred, else the first that has what is required. */
@@ -78,7 +81,10 @@ static enum gn_device_status chunk_create(struct gn_device *device, enum gn_memo
     const VkBufferCreateInfo buffer_info = {
         .sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
         .size = size,
-        .usage = traits[kind].usage | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,
+        .usage = traits[kind].usage | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT |
+                 (kind == GN_MEMORY_TABLE && device->info.ray_tracing_pipeline
+                      ? VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR
+                      : 0),
         .sharingMode = VK_SHARING_MODE_EXCLUSIVE,
     };
     VkResult result = vkCreateBuffer(device->handle, &buffer_info, NULL, &chunk->buffer);

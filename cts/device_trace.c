@@ -1,21 +1,18 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Traces rays through a built scene with ray queries, one chunk after another. */
+/* Traces rays through a built scene, one chunk after another, by the route that is asked for. */
 #include <stddef.h>
 #include <string.h>
 
 #include "cts/device_internal.h"
 
-#include "candidates.spv.h"
-#include "committed.spv.h"
-#include "detail.spv.h"
-#include "positions.spv.h"
+#include "candidates_comp.spv.h"
+#include "committed_comp.spv.h"
+#include "detail_comp.spv.h"
+#include "positions_comp.spv.h"
 
 #define GROUP_SIZE 64
 
-/* The kind that a program answers with when the driver presented candidates without end. */
-#define ANSWER_UNFINISHED 3
-
-/* struct Ray in cts/shaders/query.glsl. */
+/* struct Ray in cts/shaders/answer.glsl. */
 struct gpu_ray {
     float origin[3];
     float tmin;
@@ -32,24 +29,63 @@ _Static_assert(sizeof(struct gn_ref_answer) == 40, "the shaders' stride");
 _Static_assert(offsetof(struct gn_ref_answer, sbt_offset) == 20, "the shaders' order");
 _Static_assert(offsetof(struct gn_ref_answer, barycentrics) == 32, "the shaders' order");
 _Static_assert(sizeof(struct gn_cts_candidates) == 4 + 40 * GN_CTS_MAX_CANDIDATES, "the shaders' stride");
-_Static_assert(GN_CTS_MAX_CANDIDATES == 24, "cts/shaders/candidates.comp has the number, too");
+_Static_assert(GN_CTS_MAX_CANDIDATES == 24, "cts/shaders/answer.glsl has the number, too");
 _Static_assert(sizeof(struct gn_cts_detail) == 152, "the shaders' stride");
+_Static_assert(GN_CTS_COMMITTED == 0 && GN_CTS_CANDIDATES == 1 && GN_CTS_DETAIL == 2 && GN_CTS_POSITIONS == 3,
+               "cts/shaders/pipeline.glsl has the numbers, too");
 
 struct program_traits {
-    const uint32_t *code;
+    const uint32_t *code; /* of the compute shader */
     size_t code_bytes;
     uint32_t chunk; /* rays per dispatch */
     size_t extra_bytes; /* per ray, beside the committed hit */
 };
 
 static const struct program_traits programs[GN_CTS_PROGRAM_COUNT] = {
-    [GN_CTS_COMMITTED] = {committed_spv, sizeof committed_spv, 1u << 18, 0},
-    [GN_CTS_CANDIDATES] = {candidates_spv, sizeof candidates_spv, 1u << 15, sizeof(struct gn_cts_candidates)},
-    [GN_CTS_DETAIL] = {detail_spv, sizeof detail_spv, 1u << 16, sizeof(struct gn_cts_detail)},
-    [GN_CTS_POSITIONS] = {positions_spv, sizeof positions_spv, 1u << 18, sizeof(float[9])},
+    [GN_CTS_COMMITTED] = {committed_comp_spv, sizeof committed_comp_spv, 1u << 18, 0},
+    [GN_CTS_CANDIDATES] = {candidates_comp_spv, sizeof candidates_comp_spv, 1u << 15, sizeof(struct gn_cts_candidates)},
+    [GN_CTS_DETAIL] = {detail_comp_spv, sizeof detail_comp_spv, 1u << 16, sizeof(struct gn_cts_detail)},
+    [GN_CTS_POSITIONS] = {positions_comp_spv, sizeof positions_comp_spv, 1u << 18, sizeof(float[9])},
 };
 
-static enum gn_device_status layouts_create(struct gn_device *device)
+const char *gn_answer_fault(uint32_t kind)
+{
+    static const char *const texts[] = {
+        [3] = "the ray query was not done after 1048576 candidates",
+        [4] = "no closest-hit or miss shader has answered",
+        [5] = "with SkipClosestHitShader the ray hits where it misses without, or a closest-hit shader was run",
+        [6] = "the closest-hit shader got other hit attributes than the intersection shader left with this hit",
+        [7] = "the closest-hit shader got another hit kind than the intersection shader reported",
+        [8] = "another miss record was run than the one asked for",
+        [9] = "the ray generation shader found other data in its record than what is there",
+        [10] = "a payload changed that no shader wrote to, or a level of recursion did not return",
+        [11] = "the size of the launch reads back differently",
+    };
+    if (kind <= GN_REF_ANSWER_GENERATED) {
+        return NULL;
+    }
+    return kind < sizeof texts / sizeof texts[0] ? texts[kind]
+           : kind == UINT32_MAX                  ? "no shader has written one"
+                                                 : "what is written is none";
+}
+
+/* Every stage that asks for hits on this device. */
+static VkShaderStageFlags stages(const struct gn_device *device)
+{
+    const struct gn_device_info *info = &device->info;
+    VkShaderStageFlags flags = VK_SHADER_STAGE_COMPUTE_BIT;
+    if (info->ray_tracing_pipeline) {
+        flags |= VK_SHADER_STAGE_RAYGEN_BIT_KHR | VK_SHADER_STAGE_MISS_BIT_KHR | VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR |
+                 VK_SHADER_STAGE_ANY_HIT_BIT_KHR | VK_SHADER_STAGE_INTERSECTION_BIT_KHR |
+                 VK_SHADER_STAGE_CALLABLE_BIT_KHR;
+    }
+    if (info->ray_query && info->graphics) {
+        flags |= VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT;
+    }
+    return flags;
+}
+
+enum gn_device_status gn_trace_layouts_create(struct gn_device *device)
 {
     if (device->pipeline_layout) {
         return GN_DEVICE_OK;
@@ -61,7 +97,7 @@ static enum gn_device_status layouts_create(struct gn_device *device)
             .descriptorType =
                 i == 0 ? VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR : VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
             .descriptorCount = 1,
-            .stageFlags = VK_SHADER_STAGE_COMPUTE_BIT,
+            .stageFlags = stages(device),
         };
     }
     const VkDescriptorSetLayoutCreateInfo set_info = {
@@ -101,7 +137,7 @@ static enum gn_device_status layouts_create(struct gn_device *device)
     if (status != GN_DEVICE_OK) {
         return status;
     }
-    const VkPushConstantRange range = {VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof(uint32_t)};
+    const VkPushConstantRange range = {stages(device), 0, sizeof(struct gn_trace_constants)};
     const VkPipelineLayoutCreateInfo layout_info = {
         .sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
         .setLayoutCount = 1,
@@ -119,7 +155,7 @@ static enum gn_device_status program_create(struct gn_device *device, enum gn_ct
     if (program->pipeline) {
         return GN_DEVICE_OK;
     }
-    enum gn_device_status status = layouts_create(device);
+    enum gn_device_status status = gn_trace_layouts_create(device);
     if (status != GN_DEVICE_OK) {
         return status;
     }
@@ -226,42 +262,70 @@ static void rays_write(uint8_t *out, const struct gn_cts_ray *rays, uint32_t cou
     }
 }
 
-static enum gn_device_status chunk_trace(struct gn_device *device, enum gn_cts_program program, uint32_t count)
+void gn_trace_bind(struct gn_device *device, VkPipelineBindPoint point, VkPipeline pipeline,
+                   const struct gn_trace_constants *constants)
+{
+    vkCmdBindPipeline(device->commands, point, pipeline);
+    vkCmdBindDescriptorSets(device->commands, point, device->pipeline_layout, 0, 1, &device->descriptors, 0, NULL);
+    vkCmdPushConstants(device->commands, device->pipeline_layout, stages(device), 0, sizeof *constants, constants);
+}
+
+static enum gn_device_status compute_chunk(struct gn_device *device, const struct gn_trace_constants *constants)
 {
     enum gn_device_status status = gn_device_begin(device);
     if (status != GN_DEVICE_OK) {
         return status;
     }
-    vkCmdBindPipeline(device->commands, VK_PIPELINE_BIND_POINT_COMPUTE, device->programs[program].pipeline);
-    vkCmdBindDescriptorSets(device->commands, VK_PIPELINE_BIND_POINT_COMPUTE, device->pipeline_layout, 0, 1,
-                            &device->descriptors, 0, NULL);
-    vkCmdPushConstants(device->commands, device->pipeline_layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof count, &count);
-    vkCmdDispatch(device->commands, (count + GROUP_SIZE - 1) / GROUP_SIZE, 1, 1);
+    gn_trace_bind(device, VK_PIPELINE_BIND_POINT_COMPUTE, device->programs[constants->program].pipeline, constants);
+    vkCmdDispatch(device->commands, (constants->ray_count + GROUP_SIZE - 1) / GROUP_SIZE, 1, 1);
     return gn_device_submit(device);
 }
 
-/* Every ray has to have an answer of a kind that there is: the buffer was filled with other bytes before. */
-static enum gn_device_status answers_check(struct gn_device *device, const struct gn_ref_answer *answers,
-                                           uint32_t count, uint32_t first)
+/* Whether the device can go this way, and what is needed for it made ready. */
+static enum gn_device_status route_prepare(struct gn_built_scene *built, const struct gn_cts_route *route,
+                                           enum gn_cts_program program)
 {
-    for (uint32_t i = 0; i < count; i++) {
-        const uint32_t kind = (uint32_t)answers[i].kind;
-        if (kind == ANSWER_UNFINISHED) {
-            return gn_device_fail(device, GN_DEVICE_FAILED,
-                                  "ray %u: the ray query was not done after 1048576 candidates", first + i);
-        }
-        if (kind > GN_REF_ANSWER_GENERATED) {
-            return gn_device_fail(device, GN_DEVICE_FAILED,
-                                  "ray %u: the shader has left no answer (0x%x where the kind of hit belongs)",
-                                  first + i, kind);
-        }
+    struct gn_device *device = built->device;
+    const struct gn_device_info *info = &device->info;
+    const bool query = route->entry != GN_CTS_PIPELINE;
+    if (query && !info->ray_query) {
+        return gn_device_fail(device, GN_DEVICE_UNSUPPORTED, "the device has no ray queries (VK_KHR_ray_query)");
     }
-    return GN_DEVICE_OK;
+    if (query && route->entry != GN_CTS_QUERY && program != GN_CTS_COMMITTED) {
+        return gn_device_fail(device, GN_DEVICE_FAILED, "the case is not valid: that stage has one program only");
+    }
+    const enum gn_device_status status = gn_trace_layouts_create(device);
+    if (status != GN_DEVICE_OK) {
+        return status;
+    }
+    switch (route->entry) {
+    case GN_CTS_QUERY:
+        return program_create(device, program);
+    case GN_CTS_QUERY_IN_VERTEX:
+    case GN_CTS_QUERY_IN_FRAGMENT:
+        return gn_drawing_prepare(device, route->entry);
+    default:
+        return gn_pipeline_prepare(built, route, program);
+    }
 }
 
-enum gn_device_status gn_scene_trace(struct gn_built_scene *built, enum gn_cts_program program,
-                                     const struct gn_cts_ray *rays, uint32_t ray_count, struct gn_arena *arena,
-                                     struct gn_cts_answers *out_answers)
+static enum gn_device_status chunk_trace(struct gn_device *device, const struct gn_cts_route *route,
+                                         const struct gn_trace_constants *constants)
+{
+    switch (route->entry) {
+    case GN_CTS_QUERY:
+        return compute_chunk(device, constants);
+    case GN_CTS_QUERY_IN_VERTEX:
+    case GN_CTS_QUERY_IN_FRAGMENT:
+        return gn_drawing_chunk(device, route->entry, constants);
+    default:
+        return gn_pipeline_chunk(device, route, constants);
+    }
+}
+
+enum gn_device_status gn_scene_trace(struct gn_built_scene *built, const struct gn_cts_route *route,
+                                     enum gn_cts_program program, const struct gn_cts_ray *rays,
+                                     uint32_t ray_count, struct gn_arena *arena, struct gn_cts_answers *out_answers)
 {
     struct gn_device *device = built->device;
     const struct program_traits *traits = &programs[program];
@@ -285,7 +349,7 @@ enum gn_device_status gn_scene_trace(struct gn_built_scene *built, enum gn_cts_p
         out_answers->details = program == GN_CTS_DETAIL ? (struct gn_cts_detail *)extra : NULL;
         out_answers->positions = program == GN_CTS_POSITIONS ? (float(*)[9])extra : NULL;
     }
-    enum gn_device_status status = program_create(device, program);
+    enum gn_device_status status = route_prepare(built, route, program);
     if (status != GN_DEVICE_OK) {
         return status;
     }
@@ -294,32 +358,43 @@ enum gn_device_status gn_scene_trace(struct gn_built_scene *built, enum gn_cts_p
                              (VkDeviceSize)chunk * sizeof(struct gn_ref_answer),
                              (VkDeviceSize)chunk * traits->extra_bytes);
     if (status != GN_DEVICE_OK) {
-        return status;
+        goto done;
     }
     descriptors_write(built);
     for (uint64_t next = 0; next < ray_count; next += chunk) {
         const uint32_t first = (uint32_t)next;
         const uint32_t count = ray_count - first < chunk ? ray_count - first : chunk;
         struct gn_ref_answer *committed = out_answers->committed + first;
+        const struct gn_trace_constants constants = {
+            .ray_count = count,
+            .program = program,
+            .record_offset = route->record_offset,
+            .record_stride = route->record_stride,
+            .miss_index = route->miss_index,
+            .depth = route->depth,
+            .traps = route->traps,
+        };
         rays_write(device->trace.rays.mapped, rays + first, count);
         memset(device->trace.committed.mapped, 0xFF, count * sizeof *committed);
-        if ((status = chunk_trace(device, program, count)) != GN_DEVICE_OK) {
-            return status;
+        if ((status = chunk_trace(device, route, &constants)) != GN_DEVICE_OK) {
+            goto done;
         }
         memcpy(committed, device->trace.committed.mapped, count * sizeof *committed);
-        if ((status = answers_check(device, committed, count, first)) != GN_DEVICE_OK) {
-            return status;
-        }
         if (extra) {
             memcpy(extra + (size_t)first * traits->extra_bytes, device->trace.extra.mapped, count * traits->extra_bytes);
         }
     }
-    return gn_device_layers_check(device);
+    status = gn_device_layers_check(device);
+done:
+    gn_pipeline_unprepare(device);
+    return status;
 }
 
 void gn_trace_finish(struct gn_device *device)
 {
     gn_pool_finish(device, &device->trace.pool);
+    gn_drawing_finish(device);
+    gn_pipelines_finish(device);
     for (size_t i = 0; i < GN_CTS_PROGRAM_COUNT; i++) {
         vkDestroyPipeline(device->handle, device->programs[i].pipeline, NULL);
         vkDestroyShaderModule(device->handle, device->programs[i].module, NULL);

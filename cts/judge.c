@@ -11,6 +11,7 @@
 
 #include "cts/case.h"
 #include "cts/sweep_tiers.h"
+#include "cts/table.h"
 
 /* Hit errors of a case, for the distribution. */
 struct gn_case_samples {
@@ -22,6 +23,12 @@ const char *gn_case_status_name(enum gn_case_status status)
 {
     static const char *const names[] = {"pass", "fail", "leak", "skip", "crash", "timeout", "error"};
     return status < GN_CASE_STATUS_COUNT ? names[status] : "unknown";
+}
+
+const char *gn_case_backend_name(enum gn_case_backend backend)
+{
+    static const char *const names[] = {"query", "pipeline", ""};
+    return backend < GN_CASE_BACKEND_COUNT ? names[backend] : "unknown";
 }
 
 /* The first message of the worst status is kept. */
@@ -50,6 +57,18 @@ void gn_case_fail(struct gn_case_run *run, const char *format, ...)
     va_start(arguments, format);
     status_raise(run, GN_CASE_FAIL, format, arguments);
     va_end(arguments);
+}
+
+bool gn_case_check(struct gn_case_run *run, bool holds, const char *format, ...)
+{
+    run->result.checks++;
+    if (!holds) {
+        va_list arguments;
+        va_start(arguments, format);
+        status_raise(run, GN_CASE_FAIL, format, arguments);
+        va_end(arguments);
+    }
+    return holds;
 }
 
 static void case_error(struct gn_case_run *run, const char *format, ...) __attribute__((format(printf, 2, 3)));
@@ -290,6 +309,10 @@ static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const
     struct gn_case_result *result = &run->result;
     const struct gn_cts_ray *ray = &rays[i];
     const struct gn_ref_answer *answer = &answers->committed[i];
+    const char *fault = gn_answer_fault((uint32_t)answer->kind);
+    const struct gn_ref_answer nothing = {.kind = GN_REF_ANSWER_NONE};
+    if (fault)
+        answer = &nothing;
     struct gn_ref_policy policy = ray->policy;
     struct gn_ref_verdict verdict;
     if (program == GN_CTS_CANDIDATES)
@@ -321,6 +344,10 @@ static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const
         verdict.margin = fmax(verdict.margin, listed.margin);
         for (uint32_t c = 0; c < candidates->count; c++)
             hit_error = fmax(hit_error, listed.hit_error);
+    }
+    if (fault) {
+        verdict.cls = GN_REF_EXACT; /* whatever a miss would have been */
+        verdict_wrong(&verdict, "has no answer: %s", fault);
     }
     if (program == GN_CTS_DETAIL)
         judge_detail(judge, reference, ray, answer, &answers->details[i], &verdict);
@@ -425,20 +452,49 @@ done:
     gn_ref_scene_destroy(reference);
 }
 
+/* The scene as the route needs it; NULL when it cannot be. */
+static const struct gn_cts_scene *scene_for(struct gn_case_run *run, const struct gn_cts_scene *scene,
+                                            struct gn_arena *arena)
+{
+    if (run->route.entry != GN_CTS_PIPELINE && run->route.entry != GN_CTS_QUERY_IN_HIT)
+        return scene;
+    scene = gn_table_scene(arena, scene, &run->route);
+    if (!scene)
+        gn_case_skip(run, "the scene has more geometries than there are records for");
+    return scene;
+}
+
+static bool trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                  const struct gn_cts_ray *rays, uint32_t ray_count, struct gn_arena *arena,
+                  struct gn_cts_answers *out_answers)
+{
+    struct gn_built_scene *built = NULL;
+    bool traced = device_answered(run, gn_scene_build(run->device, scene, &built)) &&
+                  device_answered(run, gn_scene_trace(built, &run->route, program, rays, ray_count, arena,
+                                                      out_answers));
+    gn_built_scene_destroy(built);
+    return traced;
+}
+
 void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width)
 {
-    struct gn_built_scene *built = NULL;
     struct gn_cts_answers answers = {0};
     struct gn_arena arena = {0};
     uint32_t first, end;
-    if (trace_selected(run, ray_count, &first, &end) &&
-        device_answered(run, gn_scene_build(run->device, scene, &built)) &&
-        device_answered(run, gn_scene_trace(built, program, rays + first, end - first, &arena, &answers)))
+    if (trace_selected(run, ray_count, &first, &end) && (scene = scene_for(run, scene, &arena)) != NULL &&
+        trace(run, scene, program, rays + first, end - first, &arena, &answers))
         judge_rays(run, scene, program, rays, ray_count, first, end, width, &answers);
     run->trace_count++;
-    gn_built_scene_destroy(built);
     gn_arena_finish(&arena);
+}
+
+bool gn_case_answers(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                     const struct gn_cts_ray *rays, uint32_t ray_count, struct gn_arena *arena,
+                     struct gn_cts_answers *out_answers)
+{
+    return run->result.status != GN_CASE_ERROR && (scene = scene_for(run, scene, arena)) != NULL &&
+           trace(run, scene, program, rays, ray_count, arena, out_answers);
 }
 
 void gn_case_judge(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
@@ -549,8 +605,8 @@ void gn_case_run_end(struct gn_case_run *run)
         case_leak(run, "%llu of %llu rays leak; ray %u of trace %u%s %s", (unsigned long long)leaks,
                   (unsigned long long)result->rays, offender->ray_index, offender->trace,
                   offender_value(run, value, sizeof value), offender->verdict.reason);
-    else if (result->status == GN_CASE_PASS && !result->rays)
-        case_error(run, "the case traced no ray");
+    else if (result->status == GN_CASE_PASS && !result->rays && !result->checks)
+        case_error(run, "the case has neither traced a ray nor checked anything");
 }
 
 void gn_case_run_begin(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
@@ -565,12 +621,28 @@ void gn_case_run_begin(const struct gn_case *self, struct gn_device *device, uin
     out_run->point_samples = GN_NEW(&out_run->arena, struct gn_case_samples, 1);
 }
 
-void gn_case_execute(const struct gn_case *self, struct gn_device *device, uint64_t seed, double scale,
-                     int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run)
+/* What records are at, and how far apart, differs from case to case: by the name, so that it stays. */
+static struct gn_cts_route route_of(enum gn_case_backend backend, const char *case_name)
+{
+    const uint64_t hash = XXH64(case_name, strlen(case_name), 0);
+    if (backend != GN_CASE_PIPELINE)
+        return (struct gn_cts_route){.entry = GN_CTS_QUERY};
+    return (struct gn_cts_route){
+        .entry = GN_CTS_PIPELINE,
+        .record_offset = hash % 4,
+        .record_stride = 1 + hash / 4 % 3,
+        .record_padding = hash / 16 % 3,
+        .miss_index = hash / 64 % 5,
+    };
+}
+
+void gn_case_execute(const struct gn_case *self, enum gn_case_backend backend, struct gn_device *device,
+                     uint64_t seed, double scale, int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run)
 {
     struct timespec begin, end;
     clock_gettime(CLOCK_MONOTONIC, &begin);
     gn_case_run_begin(self, device, seed, scale, out_run);
+    out_run->route = route_of(backend, self->name);
     out_run->only_trace = only_trace;
     out_run->only_ray = only_ray;
     self->run(out_run, self);

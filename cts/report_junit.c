@@ -58,11 +58,24 @@ static void put_property(xmlTextWriterPtr writer, const char *name, const char *
     xmlTextWriterEndElement(writer);
 }
 
-static void put_case(xmlTextWriterPtr writer, const struct gn_results *results,
-                     const struct gn_results_case *cs)
+/* "query.flags.cull_back" is the test "cull_back" of the class "query.flags": the length of that. */
+static size_t class_length(const struct gn_results_case *cs)
 {
-    /* "query.flags.cull_back" is the test "cull_back" of the class "query.flags". */
-    size_t head = strlen(results->run.backend) + 1 + strlen(cs->family);
+    size_t family = strlen(cs->family), backend = strcspn(cs->name, ".");
+    bool bare = strncmp(cs->name, cs->family, family) == 0 && (cs->name[family] == '.' || !cs->name[family]);
+    size_t length = bare || !cs->name[backend] ? family : backend + 1 + family;
+    return length < strlen(cs->name) ? length : strlen(cs->name);
+}
+
+static bool same_class(const struct gn_results_case *a, const struct gn_results_case *b)
+{
+    size_t length = class_length(a);
+    return length == class_length(b) && strncmp(a->name, b->name, length) == 0;
+}
+
+static void put_case(xmlTextWriterPtr writer, const struct gn_results_case *cs)
+{
+    size_t head = class_length(cs);
     bool split = strlen(cs->name) > head + 1 && cs->name[head] == '.';
     xmlTextWriterStartElement(writer, UTF8("testcase"));
     xmlTextWriterWriteFormatAttribute(writer, UTF8("classname"), "%.*s", split ? (int)head : 0, cs->name);
@@ -94,14 +107,15 @@ static void put_case(xmlTextWriterPtr writer, const struct gn_results *results,
     xmlTextWriterEndElement(writer);
 }
 
-static void put_suite(xmlTextWriterPtr writer, const struct gn_results *results, const char *family)
+/* The suite of a case's class. */
+static void put_suite(xmlTextWriterPtr writer, const struct gn_results *results, const struct gn_results_case *one)
 {
     struct counts counted = {0};
     for (size_t i = 0; i < results->count; i++)
-        if (strcmp(results->cases[i].family, family) == 0)
+        if (same_class(&results->cases[i], one))
             count(&counted, &results->cases[i]);
     xmlTextWriterStartElement(writer, UTF8("testsuite"));
-    xmlTextWriterWriteFormatAttribute(writer, UTF8("name"), "%s.%s", results->run.backend, family);
+    xmlTextWriterWriteFormatAttribute(writer, UTF8("name"), "%.*s", (int)class_length(one), one->name);
     put_counts(writer, &counted);
     attribute(writer, "timestamp", results->run.started);
     xmlTextWriterStartElement(writer, UTF8("properties"));
@@ -113,8 +127,8 @@ static void put_suite(xmlTextWriterPtr writer, const struct gn_results *results,
     put_property(writer, "seed", seed);
     xmlTextWriterEndElement(writer);
     for (size_t i = 0; i < results->count; i++)
-        if (strcmp(results->cases[i].family, family) == 0)
-            put_case(writer, results, &results->cases[i]);
+        if (same_class(&results->cases[i], one))
+            put_case(writer, &results->cases[i]);
     xmlTextWriterEndElement(writer);
 }
 
@@ -139,9 +153,9 @@ bool gn_results_junit_write(const struct gn_results *results, const char *path, 
     for (size_t i = 0; i < results->count; i++) {
         bool first = true;
         for (size_t j = 0; j < i && first; j++)
-            first = strcmp(results->cases[j].family, results->cases[i].family) != 0;
+            first = !same_class(&results->cases[j], &results->cases[i]);
         if (first)
-            put_suite(writer, results, results->cases[i].family);
+            put_suite(writer, results, &results->cases[i]);
     }
     xmlTextWriterEndElement(writer);
     if (xmlTextWriterEndDocument(writer) < 0) {

@@ -32,7 +32,9 @@ static const struct argp_option argp_options[] = {
     {"driver", OPTION_DRIVER, "ICD.json|NAME", 0,
      "The driver: the path of its ICD file, or lavapipe (the default, unless VK_DRIVER_FILES chooses)", 0},
     {"backend", OPTION_BACKEND, "NAME", 0,
-     "How rays are traced: query or all (pipeline is not in this version)", 0},
+     "How rays are traced: query (ray queries), pipeline (ray tracing pipelines) or all (the default): what the device "
+     "lacks is skipped",
+     0},
     {"out", OPTION_OUT, "DIR", 0, "Where the reports go (default: gnomon-out)", 0},
     {"jobs", OPTION_JOBS, "N", 0, "How many worker processes (default: one per CPU)", 0},
     {"seed", OPTION_SEED, "S", 0, "Seed of the random scenes and rays, up to 2^64-1 (default: 1)", 0},
@@ -77,10 +79,9 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         options->driver = argument;
         break;
     case OPTION_BACKEND:
-        if (strcmp(argument, "pipeline") == 0)
-            argp_error(state, "--backend pipeline is not in this version; query is");
-        if (strcmp(argument, "query") != 0 && strcmp(argument, "all") != 0)
-            argp_error(state, "--backend: expected query or all, found '%s'", argument);
+        if (strcmp(argument, "query") != 0 && strcmp(argument, "pipeline") != 0 && strcmp(argument, "all") != 0)
+            argp_error(state, "--backend: expected query, pipeline or all, found '%s'", argument);
+        options->backend = argument;
         break;
     case OPTION_OUT:
         if (!*argument)
@@ -170,7 +171,8 @@ static const char *utc_now(struct gn_arena *arena)
 
 void gn_run_options_init(struct gn_run_options *options, int argc, struct gn_arena *arena)
 {
-    *options = (struct gn_run_options){.out = "gnomon-out",
+    *options = (struct gn_run_options){.backend = "all",
+                                       .out = "gnomon-out",
                                        .jobs = default_jobs(),
                                        .seed = 1,
                                        .shard = 1,
@@ -181,13 +183,25 @@ void gn_run_options_init(struct gn_run_options *options, int argc, struct gn_are
                                        .expects = GN_NEW(arena, const char *, (size_t)argc)};
 }
 
+/* Keeps the cases of the backend, and those that have none; gives their number. */
+static size_t select_backend(struct gn_selected *cases, size_t count, const char *backend)
+{
+    size_t kept = 0;
+    for (size_t i = 0; i < count; i++)
+        if (strcmp(backend, "all") == 0 || cases[i].backend == GN_CASE_NEITHER ||
+            strcmp(backend, gn_case_backend_name(cases[i].backend)) == 0)
+            cases[kept++] = cases[i];
+    return kept;
+}
+
 int gn_run_plan_make(struct gn_run_plan *plan, const struct gn_run_options *options, struct gn_results *results)
 {
     char error[1024];
     *plan = (struct gn_run_plan){0};
     plan->catalogue = gn_catalogue(&results->arena, &plan->catalogue_count);
     plan->cases = gn_catalogue(&results->arena, &plan->catalogue_count);
-    size_t count = gn_select(plan->cases, plan->catalogue_count, options->filters, options->filter_count, options->shard,
+    size_t count = select_backend(plan->cases, plan->catalogue_count, options->backend);
+    count = gn_select(plan->cases, count, options->filters, options->filter_count, options->shard,
                              options->shard_count, error, sizeof error);
     if (count == SIZE_MAX) {
         fprintf(stderr, "gnomon: nothing ran: %s\n", error);
@@ -227,7 +241,7 @@ int gn_run_plan_run(const struct gn_run_plan *plan, const struct gn_run_options 
     struct gn_results_run *run = &results->run;
     run->started = utc_now(&results->arena);
     run->driver = driver;
-    run->backend = "query";
+    run->backend = options->backend;
     run->command = gn_command_name;
     run->options = typed;
     run->environment = describe_environment(&results->arena);

@@ -10,6 +10,7 @@
 
 struct gn_run_options {
     const char *driver; /* as typed; NULL: the default */
+    const char *backend; /* of gn_case_backend_name(), or "all" */
     const char *out;
     uint32_t jobs, shard, shard_count;
     uint64_t seed, max_fails;

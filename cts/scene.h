@@ -105,6 +105,41 @@ enum gn_cts_program {
     GN_CTS_PROGRAM_COUNT
 };
 
+/* How shaders are reached that ask for the hit. */
+enum gn_cts_entry {
+    GN_CTS_QUERY, /* a ray query in a compute shader */
+    GN_CTS_PIPELINE, /* a ray tracing pipeline: miss, closest-hit, any-hit and intersection shaders answer */
+    /* Ray queries elsewhere, for the committed hit only. */
+    GN_CTS_QUERY_IN_VERTEX,
+    GN_CTS_QUERY_IN_FRAGMENT,
+    GN_CTS_QUERY_IN_RAYGEN,
+    GN_CTS_QUERY_IN_HIT, /* in the closest-hit shader of the same ray, or its miss shader */
+    GN_CTS_ENTRY_COUNT
+};
+
+/* What the pipeline is made of. */
+enum gn_cts_linking {
+    GN_CTS_LINK_NOTHING,
+    GN_CTS_LINK_HITS, /* hit groups in a library, the rest in the pipeline itself */
+    GN_CTS_LINK_ALL, /* two libraries, one of the ray generation and miss shaders, one of the hit groups */
+};
+enum gn_cts_launch { GN_CTS_LAUNCH_DIRECT, GN_CTS_LAUNCH_INDIRECT, GN_CTS_LAUNCH_INDIRECT2 };
+
+/* Which way a ray takes; everything but the entry is of pipelines. Zero is the plain one. */
+struct gn_cts_route {
+    enum gn_cts_entry entry;
+    uint32_t record_offset, record_stride; /* OpTraceRay's SBT offset and stride, 0 to 15 */
+    uint32_t record_padding; /* the stride of the tables is this many alignments larger than needed */
+    uint32_t miss_index;
+    uint32_t depth; /* levels of recursion: the hit or miss shader traces the same ray again; 0 means 1 */
+    bool traps; /* intersection shaders write hit attributes for reports that cannot be accepted, too */
+    bool callable; /* a callable shader writes the answer */
+    enum gn_cts_linking linking;
+    enum gn_cts_launch launch;
+    /* Every so manieth record of the hit table is zeros: no shader runs for what it is for; 0: none. */
+    uint32_t null_every;
+};
+
 struct gn_cts_ray {
     struct gn_ref_ray ray;
     struct gn_ref_policy policy;

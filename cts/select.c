@@ -10,18 +10,22 @@ struct gn_selected *gn_catalogue(struct gn_arena *arena, size_t *out_count)
 {
     size_t count = 0;
     for (size_t f = 0; f < gn_case_family_count; f++)
-        count += gn_case_families[f]->case_count;
+        count += gn_case_families[f]->case_count * (size_t)__builtin_popcount(gn_case_family_backends[f]);
     struct gn_selected *cases = calloc(count ? count : 1, sizeof *cases);
     if (!cases) {
         fprintf(stderr, "gnomon: out of memory for %zu cases\n", count);
         exit(3);
     }
     size_t n = 0;
-    for (size_t f = 0; f < gn_case_family_count; f++) {
-        const struct gn_case_family *family = gn_case_families[f];
-        for (size_t c = 0; c < family->case_count; c++)
-            cases[n++] = (struct gn_selected){gn_arena_printf(arena, "query.%s", family->cases[c].name),
-                                              &family->cases[c], family};
+    for (uint32_t b = 0; b < GN_CASE_BACKEND_COUNT; b++) {
+        const char *prefix = gn_case_backend_name(b);
+        for (size_t f = 0; f < gn_case_family_count; f++) {
+            const struct gn_case_family *family = gn_case_families[f];
+            for (size_t c = 0; c < family->case_count && gn_case_family_backends[f] >> b & 1; c++)
+                cases[n++] = (struct gn_selected){gn_arena_printf(arena, "%s%s%s", prefix, *prefix ? "." : "",
+                                                                  family->cases[c].name),
+                                                  b, &family->cases[c], family};
+        }
     }
     *out_count = n;
     return cases;
@@ -87,7 +91,8 @@ static void suggest(const struct gn_selected *cases, size_t count, const char *f
 {
     static const struct {
         const char *before, *after;
-    } shapes[] = {{"query.", ""}, {"", ".*"}, {"query.", ".*"}, {"", "*"}, {"*", "*"}};
+    } shapes[] = {{"query.", ""}, {"pipeline.", ""}, {"", ".*"}, {"query.", ".*"}, {"pipeline.", ".*"}, {"", "*"},
+                  {"*", "*"}};
     out[0] = 0;
     for (size_t s = 0; s < sizeof shapes / sizeof shapes[0]; s++) {
         char pattern[512];

@@ -6,9 +6,10 @@
 #include "cts/case.h"
 #include "cts/results.h"
 
-/* A case and its full name, "query." and the case's own. */
+/* A case and its full name: the backend, a dot, and the case's own. */
 struct gn_selected {
     const char *name;
+    enum gn_case_backend backend;
     const struct gn_case *self;
     const struct gn_case_family *family;
 };

@@ -124,7 +124,7 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
         run.result.status = GN_CASE_ERROR;
         snprintf(run.result.message, sizeof run.result.message, "the device was lost (GNOMON_TEST_FAULT)");
     } else {
-        gn_case_execute(selected->self, device, seed, scale, -1, -1, &run);
+        gn_case_execute(selected->self, selected->backend, device, seed, scale, -1, -1, &run);
     }
     gn_worker_result(selected->name, selected->self, &run, &result);
     result.family = gn_case_family_name(selected->self->name, &run.arena);

@@ -4,12 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 
-const uint MAX_CANDIDATES = 24;
-
-struct Candidates {
-    uint count;
-    Answer list[MAX_CANDIDATES];
-};
+layout(local_size_x = 64) in;
 
 layout(set = 0, binding = 3, std430) writeonly buffer Presented { Candidates presented[]; };
 

@@ -4,17 +4,13 @@
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 
+layout(local_size_x = 64) in;
+
 void main()
 {
     const uint index = gl_GlobalInvocationID.x;
     if (index >= ray_count) {
         return;
     }
-    const Ray ray = rays[index];
-    query_begin(ray);
-    if (query_decide_all(ray)) {
-        committed[index] = answer_committed();
-    } else {
-        committed[index].kind = UNFINISHED;
-    }
+    committed[index] = query_answer(rays[index]);
 }

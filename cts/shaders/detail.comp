@@ -4,16 +4,7 @@
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 
-struct Detail {
-    float world_from_object[12];
-    float object_from_world[12];
-    float object_origin[3];
-    float object_direction[3];
-    float world_origin[3];
-    float world_direction[3];
-    float tmin;
-    uint flags;
-};
+layout(local_size_x = 64) in;
 
 layout(set = 0, binding = 3, std430) writeonly buffer Details { Detail details[]; };
 

@@ -5,9 +5,7 @@
 #extension GL_EXT_ray_tracing_position_fetch : require
 #include "query.glsl"
 
-struct Vertices {
-    float values[9];
-};
+layout(local_size_x = 64) in;
 
 layout(set = 0, binding = 3, std430) writeonly buffer Positions { Vertices positions[]; };
 

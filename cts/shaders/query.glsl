@@ -1,51 +1,17 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/*
- * What the programs share: the buffers, the questions about a hit, the loop that decides about candidates.
- *
- * The layout of the buffers is that of struct gpu_ray in cts/device_trace.c and of the answers in
- * reference/verdict.h and cts/scene.h: scalars only, so that std430 and C agree.
- */
+/* What shaders with ray queries share: the questions about a hit, the loop that decides about candidates. */
 #extension GL_EXT_ray_query : require
 #extension GL_EXT_ray_flags_primitive_culling : require
+#include "answer.glsl"
 
-layout(local_size_x = 64) in;
 /* The flags come with the rays, the two that skip primitive types among them: they need a capability of their own,
  * which every device with ray queries has. */
 layout(primitive_culling);
 
-const uint NOTHING = 0, TRIANGLE = 1, GENERATED = 2, UNFINISHED = 3;
-
 /* A driver that never says that it is done must not hang the device. */
 const uint MAX_STEPS = 1u << 20;
 
-struct Ray {
-    float origin_x, origin_y, origin_z, tmin;
-    float direction_x, direction_y, direction_z, tmax;
-    uint flags, cull_mask, confirm_mask, generate_mask;
-    float generate_t0, generate_step;
-    uint unused_0, unused_1;
-};
-
-struct Answer {
-    uint kind;
-    uint instance, geometry, primitive;
-    uint custom_index, sbt_offset;
-    uint front;
-    float t;
-    float beta, gamma;
-};
-
-layout(set = 0, binding = 0) uniform accelerationStructureEXT scene;
-layout(set = 0, binding = 1, std430) readonly buffer Rays { Ray rays[]; };
-layout(set = 0, binding = 2, std430) writeonly buffer Committed { Answer committed[]; };
-layout(push_constant) uniform Constants { uint ray_count; };
-
 rayQueryEXT query;
-
-Answer answer_nothing()
-{
-    return Answer(NOTHING, 0, 0, 0, 0, 0, 0, 0.0, 0.0, 0.0);
-}
 
 /* Only what is defined for the kind of hit is asked for. */
 Answer answer_committed()
@@ -118,7 +84,7 @@ void candidate_decide(Ray ray)
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionNoneEXT) {
         closest = rayQueryGetIntersectionTEXT(query, true);
     }
-    precise const float t = ray.generate_t0 + ray.generate_step * float(primitive);
+    const float t = generated_t(ray, primitive);
     /* Outside this range the result of generating a hit is undefined. */
     if (t >= ray.tmin && t <= closest) {
         rayQueryGenerateIntersectionEXT(query, t);
@@ -135,4 +101,16 @@ bool query_decide_all(Ray ray)
         candidate_decide(ray);
     }
     return false;
+}
+
+/* The committed hit of a ray, whatever the stage. */
+Answer query_answer(Ray ray)
+{
+    query_begin(ray);
+    if (query_decide_all(ray)) {
+        return answer_committed();
+    }
+    Answer answer = answer_nothing();
+    answer.kind = UNFINISHED;
+    return answer;
 }

@@ -118,7 +118,6 @@ static void usage(void **state)
         {{"worker"}, 2, "not for use by hand"},
         {{"run", "--help"}, 0, "--driver"},
         {{"run", "--nonsense"}, 2, "nonsense"},
-        {{"run", "--backend", "pipeline"}, 2, "not in this version"},
         {{"run", "--backend", "raster"}, 2, "found 'raster'"},
         {{"run", "--selftest"}, 2, "not in this version"},
         {{"run", "--jobs", "0"}, 2, "--jobs: expected a whole number from 1"},

@@ -103,7 +103,7 @@ static enum gn_device_status scene_trace(const char *name, const struct gn_cts_s
     struct gn_built_scene *built = NULL;
     enum gn_device_status status = gn_scene_build(device, scene, &built);
     if (status == GN_DEVICE_OK) {
-        status = gn_scene_trace(built, program, rays, count, arena, out_answers);
+        status = gn_scene_trace(built, &(struct gn_cts_route){0}, program, rays, count, arena, out_answers);
     }
     if (status != GN_DEVICE_OK) {
         print_message("%s: %s\n", name, gn_device_message(device));
@@ -587,6 +587,7 @@ static void many_rays_go_in_chunks(void **state)
         .blases = &blas, .blas_count = 1, .instances = &instance, .instance_count = 1};
     struct gn_built_scene *built = NULL;
     assert_int_equal(gn_scene_build(device, &scene, &built), GN_DEVICE_OK);
+    const struct gn_cts_route route = {0};
     for (int program = 0; program < GN_CTS_PROGRAM_COUNT; program++) {
         if (program == GN_CTS_POSITIONS && !able) {
             continue;
@@ -600,7 +601,7 @@ static void many_rays_go_in_chunks(void **state)
             rays[i].ray.cull_mask = i % 5 == 4 ? 0 : 0xFF; /* a pattern that does not fit into the chunks */
         }
         struct gn_cts_answers answers;
-        assert_int_equal(gn_scene_trace(built, (enum gn_cts_program)program, rays, counts[program], &arena, &answers),
+        assert_int_equal(gn_scene_trace(built, &route, (enum gn_cts_program)program, rays, counts[program], &arena, &answers),
                          GN_DEVICE_OK);
         for (uint32_t i = 0; i < counts[program]; i++) {
             assert_int_equal(answers.committed[i].kind, i % 5 == 4 ? 0 : 1);
@@ -613,7 +614,7 @@ static void many_rays_go_in_chunks(void **state)
     }
     struct gn_cts_answers none;
     struct gn_arena arena = {0};
-    assert_int_equal(gn_scene_trace(built, GN_CTS_COMMITTED, NULL, 0, &arena, &none), GN_DEVICE_OK);
+    assert_int_equal(gn_scene_trace(built, &route, GN_CTS_COMMITTED, NULL, 0, &arena, &none), GN_DEVICE_OK);
     gn_arena_finish(&arena);
     gn_built_scene_destroy(built);
 }
