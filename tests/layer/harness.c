@@ -99,11 +99,16 @@ static void create_device(struct world *world, const struct world_options *optio
     VkResult result = vkEnumeratePhysicalDevices(world->instance, &count, &world->physical);
     assert_true(result == VK_SUCCESS || result == VK_INCOMPLETE);
     assert_int_equal(count, 1);
-    const char *extensions[] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME, VK_KHR_RAY_QUERY_EXTENSION_NAME,
+    const char *extensions[5 + 8] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME, VK_KHR_RAY_QUERY_EXTENSION_NAME,
                                 VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME, VK_KHR_MAINTENANCE_5_EXTENSION_NAME,
                                 VK_KHR_PUSH_DESCRIPTOR_EXTENSION_NAME};
     VkPhysicalDeviceMaintenance5FeaturesKHR maintenance = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_5_FEATURES_KHR, .maintenance5 = VK_TRUE};
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MAINTENANCE_5_FEATURES_KHR,
+        .pNext = options->features,
+        .maintenance5 = VK_TRUE};
+    assert_true(options->extension_count <= 8);
+    for (uint32_t i = 0; i < options->extension_count; i++)
+        extensions[5 + i] = options->extensions[i];
     VkPhysicalDeviceRayQueryFeaturesKHR queries = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_QUERY_FEATURES_KHR, .pNext = &maintenance, .rayQuery = VK_TRUE};
     VkPhysicalDeviceAccelerationStructureFeaturesKHR structures = {
@@ -113,6 +118,7 @@ static void create_device(struct world *world, const struct world_options *optio
     VkPhysicalDeviceVulkan13Features v13 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES,
                                             .pNext = options->without_structures ? NULL : &structures,
                                             .synchronization2 = VK_TRUE,
+                                            .dynamicRendering = VK_TRUE,
                                             .maintenance4 = VK_TRUE};
     VkPhysicalDeviceVulkan12Features v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
                                             .pNext = &v13,
@@ -126,7 +132,7 @@ static void create_device(struct world *world, const struct world_options *optio
                                .pNext = &v12,
                                .queueCreateInfoCount = 1,
                                .pQueueCreateInfos = &queue,
-                               .enabledExtensionCount = options->without_structures ? 0 : 5,
+                               .enabledExtensionCount = options->without_structures ? 0 : 5 + options->extension_count,
                                .ppEnabledExtensionNames = extensions};
     REQUIRE(vkCreateDevice(world->physical, &info, NULL, &world->device));
     vkGetDeviceQueue(world->device, 0, 0, &world->queue);

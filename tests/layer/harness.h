@@ -50,6 +50,10 @@ struct world_options {
     bool creation_messenger; /* the messenger in the pNext chain of instance creation */
     const VkLayerSettingEXT *settings;
     uint32_t setting_count;
+    /* More that the device has: at most 8 extensions, and a chain of features. */
+    const char *const *extensions;
+    uint32_t extension_count;
+    void *features;
 };
 
 struct buffer {

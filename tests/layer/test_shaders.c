@@ -1,0 +1,229 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* Shaders under the layer: in every stage and by every way that one takes to the driver, a mistake is told where it happened, a correct
+ * run tells nothing, and what is computed stays the same. */
+#include <stdio.h>
+#include <stdlib.h>
+#include <string.h>
+#include <unistd.h>
+
+#include <yyjson.h>
+
+#include "tests/layer/ask.h"
+
+#define AFTER_FALSE "query.proceed.after_false"
+#define OPACITY_PAIR "query.initialize.opacity_pair"
+
+/* A TLAS of one triangle, built. */
+struct scene {
+    struct structure blas, tlas;
+};
+
+static struct scene scene_create(struct world *world)
+{
+    struct scene scene = {.blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0), .tlas = tlas_create(world, 1)};
+    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_build_one(world, commands, &scene.blas);
+    commands_barrier(commands);
+    commands_build_one(world, commands, &scene.tlas);
+    commands_barrier(commands);
+    commands_end(commands);
+    submit_and_wait(world, commands);
+    return scene;
+}
+
+static void scene_destroy(struct world *world, struct scene *scene)
+{
+    structure_destroy(world, &scene->tlas);
+    structure_destroy(world, &scene->blas);
+}
+
+struct row {
+    const char *name;
+    enum ask_stage stage;
+    enum ask_way way;
+    uint32_t wrong;
+    unsigned count;     /* of the mistake; 0: none is told */
+    const char *first;  /* the invocation of the first record; NULL: any */
+    const char *why;
+};
+
+static const struct row rows[] = {
+    {"compute, module", ASK_COMPUTE, ASK_BY_MODULE, 1, 1, "invocation (5, 0, 0)", "one lane of eight"},
+    {"compute, module", ASK_COMPUTE, ASK_BY_MODULE, 0, 0, NULL, "no lane"},
+    {"compute, inline", ASK_COMPUTE, ASK_INLINE, 1, 1, "invocation (5, 0, 0)", "maintenance5"},
+    {"compute, shader object", ASK_COMPUTE, ASK_BY_OBJECT, 1, 1, "invocation (5, 0, 0)", "VK_EXT_shader_object"},
+    {"compute, shader object", ASK_COMPUTE, ASK_BY_OBJECT, 0, 0, NULL, "no lane"},
+    {"vertex, module", ASK_VERTEX, ASK_BY_MODULE, 1, 3, NULL, "three vertices"},
+    {"vertex, module", ASK_VERTEX, ASK_BY_MODULE, 0, 0, NULL, "no vertex"},
+    {"vertex, inline", ASK_VERTEX, ASK_INLINE, 1, 3, NULL, "three vertices"},
+    {"fragment, module", ASK_FRAGMENT, ASK_BY_MODULE, 1, ASK_SIZE *ASK_SIZE, NULL, "every fragment"},
+    {"fragment, helpers", ASK_FRAGMENT, ASK_BY_MODULE, 2, ASK_SIZE *ASK_SIZE / 4, NULL, "one of each quad is left"},
+    {"fragment, module", ASK_FRAGMENT, ASK_BY_MODULE, 0, 0, NULL, "no fragment"},
+    {"fragment, library", ASK_FRAGMENT, ASK_BY_LIBRARY, 1, ASK_SIZE *ASK_SIZE, NULL, "every fragment"},
+    {"ray generation, module", ASK_RAYGEN, ASK_BY_MODULE, 1, 1, "invocation (3, 0, 0)", "one launch of eight"},
+    {"ray generation, inline", ASK_RAYGEN, ASK_INLINE, 1, 1, "invocation (3, 0, 0)", "one launch of eight"},
+    {"ray generation, module", ASK_RAYGEN, ASK_BY_MODULE, 0, 0, NULL, "no launch"},
+};
+
+/* The statement and, through out_count, how often a rule was found, from the log. */
+static yyjson_doc *log_read(const char *path, const char *rule, uint64_t *out_count)
+{
+    char *text = file_read(path);
+    yyjson_doc *statement = NULL;
+    assert_non_null(text);
+    *out_count = 0;
+    for (char *line = strtok(text, "\n"); line; line = strtok(NULL, "\n")) {
+        yyjson_doc *doc = yyjson_read(line, strlen(line), 0);
+        assert_non_null(doc);
+        yyjson_val *root = yyjson_doc_get_root(doc);
+        if (yyjson_equals_str(yyjson_obj_get(root, "rule"), rule) && yyjson_equals_str(yyjson_obj_get(root, "severity"), "error"))
+            *out_count += yyjson_get_uint(yyjson_obj_get(root, "count"));
+        if (yyjson_obj_get(root, "statement")) {
+            yyjson_doc_free(statement);
+            statement = doc;
+        } else {
+            yyjson_doc_free(doc);
+        }
+    }
+    free(text);
+    assert_non_null(statement);
+    return statement;
+}
+
+static bool run_row(const struct row *row, size_t index)
+{
+    struct world world, bare;
+    char path[128];
+    bool good = true;
+    snprintf(path, sizeof path, "/tmp/gnomon-shaders-%ld-%zu.jsonl", (long)getpid(), index);
+    const char *paths[] = {path};
+    VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths};
+    ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = 1});
+    struct scene scene = scene_create(&world);
+    struct asker asker = asker_create(&world, row->stage, row->way, scene.tlas.handle, 1);
+    asker_name(&world, &asker, "the module", "the pipeline");
+    for (int times = 0; times < 2; times++)
+        asker_run(&world, &asker, row->wrong);
+
+    const struct message *message = messages_find(&world, AFTER_FALSE);
+    uint32_t others = 0;
+    for (uint32_t i = 0; i < world.messages.count && i < 64; i++)
+        others += strchr(world.messages.list[i].id, '.') && strcmp(world.messages.list[i].id, AFTER_FALSE) != 0;
+    bool located = message && strstr(message->text, "asks.glsl:13") && strstr(message->text, "rayQueryProceedEXT(q);") &&
+                   strstr(message->text, "the pipeline") && (!row->first || strstr(message->text, row->first)) &&
+                   (row->way != ASK_BY_MODULE || strstr(message->text, "the module"));
+    if (others || (row->count ? !located || messages_count(&world, AFTER_FALSE) != 1 : message != NULL)) {
+        print_error("%s (%s): %s%s\n", row->name, row->why, others ? "another finding; " : "", message ? message->text : "no finding");
+        good = false;
+    }
+
+    /* The same without the layer. A mistake may do anything, so only what is right is compared. */
+    ask_world_init(&bare, &(struct world_options){.without_layer = true});
+    struct scene bare_scene = scene_create(&bare);
+    struct asker bare_asker = asker_create(&bare, row->stage, row->way, bare_scene.tlas.handle, 1);
+    asker_run(&bare, &bare_asker, 0);
+    asker_run(&world, &asker, 0);
+    if (memcmp(asker.out.mapped, bare_asker.out.mapped, asker.out.size) != 0) {
+        print_error("%s (%s): another result under the layer\n", row->name, row->why);
+        good = false;
+    }
+    asker_destroy(&bare, &bare_asker);
+    scene_destroy(&bare, &bare_scene);
+    world_finish(&bare);
+    asker_destroy(&world, &asker);
+    scene_destroy(&world, &scene);
+    world_finish(&world);
+
+    uint64_t count;
+    yyjson_doc *doc = log_read(path, AFTER_FALSE, &count);
+    yyjson_val *shaders = yyjson_obj_get(yyjson_obj_get(yyjson_doc_get_root(doc), "statement"), "shaders");
+    yyjson_val *stated = yyjson_arr_get_first(shaders);
+    if (count != 2 * row->count || !yyjson_equals_str(yyjson_obj_get(stated, "status"), "instrumented") ||
+        !yyjson_equals_str(yyjson_obj_get(stated, "name"), "the pipeline") || !yyjson_get_uint(yyjson_obj_get(stated, "checked")) ||
+        !yyjson_get_uint(yyjson_obj_get(stated, "proved"))) {
+        char *text = yyjson_val_write(shaders, 0, NULL);
+        print_error("%s (%s): expected %u mistakes, found %llu; stated %s\n", row->name, row->why, 2 * row->count,
+                    (unsigned long long)count, text);
+        free(text);
+        good = false;
+    }
+    yyjson_doc_free(doc);
+    unlink(path);
+    return good;
+}
+
+static void every_way(void **state)
+{
+    int failures = 0;
+    (void)state;
+    for (size_t r = 0; r < sizeof rows / sizeof rows[0]; r++)
+        failures += !run_row(&rows[r], r);
+    assert_int_equal(failures, 0);
+}
+
+/* The flags are a specialization constant, so only the driver knows them. */
+static void specialized_operands(void **state)
+{
+    static const struct {
+        uint32_t flags, expected;
+    } table[] = {{0, 0}, {1, 0}, {1 | 2, 1}};
+    (void)state;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        ask_world_init(&world, NULL);
+        world.above_khronos = false; /* what it says of flags that exclude each other is not the point */
+        struct scene scene = scene_create(&world);
+        struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, table[i].flags);
+        asker_run(&world, &asker, 0);
+        assert_int_equal(messages_count(&world, OPACITY_PAIR), table[i].expected);
+        asker_destroy(&world, &asker);
+        scene_destroy(&world, &scene);
+        world_finish(&world);
+    }
+}
+
+/* What a setting leaves of the shader. */
+static void levels(void **state)
+{
+    static const struct {
+        const char *level, *status;
+        uint32_t told;
+    } table[] = {{"off", NULL, 0}, {"static", "untouched", 0}, {"on", "instrumented", 1}, {"unproved", "instrumented", 1}};
+    (void)state;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        char path[128];
+        uint64_t count;
+        snprintf(path, sizeof path, "/tmp/gnomon-levels-%ld-%zu.jsonl", (long)getpid(), i);
+        const char *paths[] = {path};
+        VkLayerSettingEXT settings[] = {
+            {"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths},
+            {"VK_LAYER_GNOMON_ray_tracing", "shader_checks", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, &table[i].level}};
+        ask_world_init(&world, &(struct world_options){.settings = settings, .setting_count = 2});
+        struct scene scene = scene_create(&world);
+        struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, 1);
+        asker_run(&world, &asker, 1);
+        assert_int_equal(messages_count(&world, AFTER_FALSE), table[i].told);
+        asker_destroy(&world, &asker);
+        scene_destroy(&world, &scene);
+        world_finish(&world);
+        yyjson_doc *doc = log_read(path, AFTER_FALSE, &count);
+        yyjson_val *shaders = yyjson_obj_get(yyjson_obj_get(yyjson_doc_get_root(doc), "statement"), "shaders");
+        assert_int_equal(yyjson_arr_size(shaders), table[i].status ? 1 : 0);
+        if (table[i].status)
+            assert_string_equal(yyjson_get_str(yyjson_obj_get(yyjson_arr_get_first(shaders), "status")), table[i].status);
+        yyjson_doc_free(doc);
+        unlink(path);
+    }
+}
+
+int main(void)
+{
+    const struct CMUnitTest tests[] = {
+        cmocka_unit_test(every_way),
+        cmocka_unit_test(specialized_operands),
+        cmocka_unit_test(levels),
+    };
+    return cmocka_run_group_tests_name("layer.shaders", tests, NULL, NULL);
+}
