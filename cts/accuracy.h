@@ -21,6 +21,8 @@ const char *gn_accuracy_mode_name(enum gn_accuracy_mode mode);
 /* "interior", "edge", "vertex", "random". */
 const char *gn_accuracy_aim_name(enum gn_aim aim);
 
+struct gn_accuracy_driver;
+
 struct gn_accuracy_scene {
     const char *name;  /* as --scene takes it; of a file, the name of the file */
     const char *about; /* a sentence for people */
@@ -48,6 +50,10 @@ void gn_accuracy_scene_finish(struct gn_accuracy_scene *scene);
 
 void gn_accuracy_rays(const struct gn_accuracy_scene *scene, enum gn_aim aim, uint64_t seed,
                       struct gn_ref_ray *rays, uint32_t count);
+
+/* Whether two triangles share a vertex: positions that are bit for bit the same. False for ids that there are not. */
+bool gn_accuracy_neighbours(const struct gn_model *model, uint32_t instance_a, uint32_t primitive_a,
+                            uint32_t instance_b, uint32_t primitive_b);
 
 /* What one tier did with one kind of rays on one scene in one mode. */
 struct gn_accuracy_row {
@@ -98,6 +104,7 @@ struct gn_accuracy {
     size_t row_count;
     uint64_t judged_exactly; /* answers of rays for which the exact tier was asked */
     uint64_t judged;         /* rays */
+    const struct gn_accuracy_driver *driver; /* NULL without --driver (accuracy_driver.h) */
     const char *started;
     const char *machine; /* the processor, for the page */
     double seconds;

@@ -4,7 +4,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include "cts/accuracy.h"
+#include "cts/accuracy_driver.h"
 #include "cts/describe.h"
 #include "cts/progress.h"
 #include "cts/report_html_parts.h"
@@ -286,6 +286,8 @@ bool gn_accuracy_html_write(const struct gn_accuracy *accuracy, const char *path
     fputs("<h2>Scene by scene</h2>\n<p>Point at a number of wrong decisions for what they were.</p>\n", file);
     for (uint32_t i = 0; i < accuracy->scene_count; i++)
         put_scene(file, accuracy, i);
+    if (accuracy->driver)
+        gn_accuracy_driver_html(file, accuracy);
     fputs("<p class=\"soft small\">The same as data: accuracy.json beside this page; the plot: accuracy.svg, "
           "accuracy.png."
           "</p>\n</main></body></html>\n",

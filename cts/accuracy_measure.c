@@ -197,16 +197,18 @@ static bool is_tied(struct judge *judge, const struct gn_ref_ray *ray, const str
     return false;
 }
 
-/* Whether the two triangles share a vertex: positions that are bit for bit the same. */
-static bool are_neighbours(const struct gn_model *model, const struct answer *a, const struct answer *b)
+bool gn_accuracy_neighbours(const struct gn_model *model, uint32_t instance_a, uint32_t primitive_a,
+                            uint32_t instance_b, uint32_t primitive_b)
 {
-    if (a->instance != b->instance)
+    if (instance_a != instance_b || instance_a >= model->instance_count)
         return false;
-    const struct gn_mesh *mesh = &model->meshes[model->instances[a->instance].mesh];
+    const struct gn_mesh *mesh = &model->meshes[model->instances[instance_a].mesh];
+    if (primitive_a >= mesh->triangle_count || primitive_b >= mesh->triangle_count)
+        return false;
     for (int i = 0; i < 3; i++)
         for (int k = 0; k < 3; k++)
-            if (memcmp(mesh->positions[mesh->triangles[a->primitive][i]],
-                       mesh->positions[mesh->triangles[b->primitive][k]], sizeof *mesh->positions) == 0)
+            if (memcmp(mesh->positions[mesh->triangles[primitive_a][i]],
+                       mesh->positions[mesh->triangles[primitive_b][k]], sizeof *mesh->positions) == 0)
                 return true;
     return false;
 }
@@ -261,8 +263,10 @@ static void judge_ray(struct judge *judge, uint32_t i)
             else if (is_tied(judge, &m->rays[i], oracle, &right, given))
                 decision = DECISION_RIGHT;
             else
-                decision =
-                    are_neighbours(&m->scene->model, &right, given) ? DECISION_NEIGHBOUR : DECISION_OTHER;
+                decision = gn_accuracy_neighbours(&m->scene->model, right.instance, right.primitive,
+                                                  given->instance, given->primitive)
+                               ? DECISION_NEIGHBOUR
+                               : DECISION_OTHER;
             judge->counts[t][mode][decision]++;
             if (decision == DECISION_RIGHT && right.outcome == GN_REF_HIT)
                 judge->errors[t][mode][judge->error_counts[t][mode]++] = error_in_ulp(given->t, right.t);

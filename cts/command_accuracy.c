@@ -2,6 +2,7 @@
 /* `gnomon accuracy`: its options, the measurement, and the files that show it. */
 #include <argp.h>
 #include <errno.h>
+#include <limits.h>
 #include <sched.h>
 #include <stdlib.h>
 #include <string.h>
@@ -9,9 +10,10 @@
 #include <time.h>
 #include <unistd.h>
 
-#include "cts/accuracy.h"
+#include "cts/accuracy_driver.h"
 #include "cts/arguments.h"
 #include "cts/commands.h"
+#include "cts/driver.h"
 #include "cts/progress.h"
 #include "cts/results.h"
 
@@ -48,14 +50,15 @@ static const struct argp_option options[] = {
     {"jobs", OPTION_JOBS, "N", 0, "Threads that judge the answers (default: one per CPU)", 0},
     {"seed", OPTION_SEED, "S", 0, "Seed of the scenes and rays, up to 2^48 (default: 1)", 0},
     {"quick", OPTION_QUICK, NULL, 0, "Small scenes and few rays: shows how it works, measures little", 0},
-    {"driver", OPTION_DRIVER, "D", OPTION_HIDDEN, NULL, 0},
+    {"driver", OPTION_DRIVER, "ICD|NAME", 0,
+     "Measure this driver too: its time against its error over build flags, vertex formats and updates", 0},
     {"layer", OPTION_LAYER, NULL, OPTION_HIDDEN, NULL, 0},
     {0},
 };
 
 struct arguments {
     struct gn_accuracy_options options;
-    const char *out;
+    const char *out, *driver;
     const char **scenes;
     uint32_t scene_count;
     bool list, rays_given, runs_given;
@@ -107,7 +110,7 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         chosen->quick = true;
         break;
     case OPTION_DRIVER:
-        argp_error(state, "--driver is not in this version: the tiers of the reference are measured");
+        arguments->driver = argument;
         break;
     case OPTION_LAYER:
         argp_error(state, "--layer is not in this version: the tiers of the reference are measured");
@@ -144,6 +147,30 @@ static const char *processor(struct gn_arena *arena)
     if (file)
         fclose(file);
     return name;
+}
+
+/*
+ * A driver from another distribution needs that distribution's loader and C library, for the whole process. Does not
+ * return where it does, but for a loader that cannot be started: then the driver cannot either, which is told later.
+ */
+static void restart_for_driver(const char *icd, int argc, char **argv, struct gn_arena *arena)
+{
+    static const char marker[] = "GNOMON_RESTARTED";
+    struct gn_driver_loader loader = gn_driver_loader(icd, arena);
+    char *own = GN_NEW(arena, char, PATH_MAX);
+    if (!loader.loader || getenv(marker) || readlink("/proc/self/exe", own, PATH_MAX - 1) <= 0)
+        return;
+    const char **arguments = GN_NEW(arena, const char *, (size_t)argc + 6);
+    int count = 0;
+    arguments[count++] = "gnomon";
+    arguments[count++] = "--library-path";
+    arguments[count++] = loader.libraries;
+    arguments[count++] = own;
+    arguments[count++] = "accuracy";
+    for (int i = 1; i < argc; i++)
+        arguments[count++] = argv[i];
+    setenv(marker, "1", 1);
+    execv(loader.loader, (char *const *)(uintptr_t)arguments);
 }
 
 /* The progress: on a terminal one line that is updated, elsewhere a line per scene. */
@@ -265,6 +292,8 @@ static int measure(struct gn_accuracy *accuracy, const char *out, struct gn_aren
     }
     accuracy->seconds = gn_clock() - progress.started;
     gn_accuracy_print_choice(stdout, accuracy);
+    if (accuracy->driver)
+        gn_accuracy_driver_print(stdout, accuracy);
     if (!write_files(accuracy, out, arena, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s\n", error);
         return 3;
@@ -301,6 +330,8 @@ int gn_command_accuracy(int argc, char **argv)
     struct arguments arguments = {.out = "gnomon-accuracy"};
     struct gn_arena arena = {0};
     struct gn_accuracy accuracy = {0};
+    struct gn_accuracy_driver driver = {0};
+    const char *icd = NULL;
     char error[1024];
     int exit_status = 2;
     arguments.options = (struct gn_accuracy_options){.rays = 100000,
@@ -316,6 +347,14 @@ int gn_command_accuracy(int argc, char **argv)
     if (arguments.list) {
         exit_status = list_scenes();
         goto done;
+    }
+    if (arguments.driver) {
+        icd = gn_driver_resolve(arguments.driver, &arena, error, sizeof error);
+        if (!icd) {
+            fprintf(stderr, "gnomon: --driver: %s\n", error);
+            goto done;
+        }
+        restart_for_driver(icd, argc, argv, &arena);
     }
     if (arguments.options.quick) {
         if (!arguments.rays_given)
@@ -353,6 +392,14 @@ int gn_command_accuracy(int argc, char **argv)
         fprintf(stderr, "gnomon: --out: %s\n", error);
         exit_status = 2;
         goto done;
+    }
+    /* First, because it forks, which is for a process without threads. */
+    if (icd) {
+        if (!gn_accuracy_driver_measure(&accuracy, icd, &arena, &driver, &exit_status, error, sizeof error)) {
+            fprintf(stderr, "gnomon: --driver: %s\n", error);
+            goto done;
+        }
+        accuracy.driver = &driver;
     }
     exit_status = measure(&accuracy, arguments.out, &arena);
 done:
