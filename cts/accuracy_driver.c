@@ -41,6 +41,9 @@ const struct gn_accuracy_setting gn_accuracy_settings[GN_ACCURACY_SETTING_COUNT]
 
 #define MOST_RUNS 15
 
+/* By ray queries in a compute shader. */
+static const struct gn_cts_route query = {.entry = GN_CTS_QUERY};
+
 /* Memory that parent and child share. */
 struct shared {
     bool done;
@@ -180,7 +183,7 @@ static double time_rays(struct measurement *m, struct gn_built_scene *built, int
         struct gn_arena arena = {0};
         struct gn_cts_answers answers;
         double start = gn_clock();
-        bool ok = is_ok(m, gn_scene_trace(built, GN_CTS_COMMITTED, m->rays[aim], m->ray_count, &arena, &answers),
+        bool ok = is_ok(m, gn_scene_trace(built, &query, GN_CTS_COMMITTED, m->rays[aim], m->ray_count, &arena, &answers),
                         "tracing");
         seconds += gn_clock() - start;
         gn_arena_finish(&arena);
@@ -264,7 +267,7 @@ static bool judge(struct measurement *m, const struct gn_cts_scene *scene, struc
     struct gn_case_run run;
     bool ok = false;
     gn_case_run_begin(&self, m->device, 0, 1, &run);
-    if (!is_ok(m, gn_scene_trace(built, GN_CTS_COMMITTED, m->judged_rays, count, &arena, &answers), "tracing"))
+    if (!is_ok(m, gn_scene_trace(built, &query, GN_CTS_COMMITTED, m->judged_rays, count, &arena, &answers), "tracing"))
         goto done;
     gn_case_judge(&run, scene, GN_CTS_COMMITTED, m->judged_rays, count, 0, &answers);
     if (run.result.status == GN_CASE_ERROR || !run.result.image) {
