@@ -101,7 +101,14 @@ static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instanc
                                   .valid_flags = device->valid_instance_flags,
                                   .declared_masks = settings->masks_declared ? settings->declared_masks : NULL,
                                   .custom_index_bound = settings->custom_index_bound,
+                                  .sbt_offset_bound = settings->sbt_offset_bound,
                                   .survey = &survey};
+    if (tlas->tag) {
+        const uint64_t *masks = tlas->tag->masks;
+        build.declared_masks = masks[0] | masks[1] | masks[2] | masks[3] ? masks : NULL;
+        build.custom_index_bound = tlas->tag->custom_index_bound;
+        build.sbt_offset_bound = tlas->tag->sbt_offset_bound;
+    }
     if (!refers_to)
         goto fail;
     for (uint32_t start = 0; start < count; start += CHUNK) {
@@ -130,6 +137,9 @@ static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instanc
     if (build.references_sure)
         unknown = 0;
     gn_report_judge(device->instance, &build, out);
+    tlas->highest_offset = survey.highest_offset;
+    tlas->highest_offset_at = survey.highest_offset_at;
+    tlas->highest_offset_of = roll->version;
     if (!roll->partial && !unordered)
         gn_members_set(device, tlas, roll->version, roll->queue, roll->position, roll->owners, roll->count);
     gn_tally_check(device, GN_CHECKED_tlas_builds, 1);

@@ -16,6 +16,7 @@
 #include <vulkan/vulkan.h>
 
 #include "checks/rules/geometry.h"
+#include "checks/rules/instance.h"
 #include "checks/rules/rules.h"
 #include "layer/map.h"
 #include "layer/settings.h"
@@ -180,6 +181,9 @@ struct gn_as {
     uint32_t built_count;
     uint32_t references;
     char *name;
+    struct gn_instance_tag *tag;       /* what its instances are declared to hold; NULL: the settings say it */
+    uint32_t highest_offset, highest_offset_at; /* the highest shader-binding-table offset of its instances, and who has it */
+    uint64_t highest_offset_of;        /* the write that this is about; 0: not known */
     struct gn_as *next_destroyed;
 };
 

@@ -32,7 +32,7 @@ struct gn_settings {
     uint32_t input_cap;
     bool masks_declared;
     uint64_t declared_masks[4]; /* one bit per mask */
-    uint32_t custom_index_bound; /* 0: not declared */
+    uint32_t custom_index_bound, sbt_offset_bound; /* 0: not declared */
     /* What was wrong with the settings, one sentence each; every fault leaves its setting at the default. */
     char **warnings;
     uint32_t warning_count;

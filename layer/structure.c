@@ -26,6 +26,7 @@ void gn_as_release(struct gn_as *as)
     free(as->moved_to);
     free(as->built);
     free(as->name);
+    free(as->tag);
     free(as);
 }
 

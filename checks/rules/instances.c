@@ -8,7 +8,8 @@
 
 extern const struct gn_rule gn_rule_instance_reference_unknown, gn_rule_instance_reference_tlas, gn_rule_instance_flags_reserved,
     gn_rule_instance_matrix_singular, gn_rule_instance_translation_not_finite, gn_rule_instance_mask_zero,
-    gn_rule_instance_mask_undeclared, gn_rule_custom_index_bound, gn_rule_custom_index_overflow;
+    gn_rule_instance_mask_undeclared, gn_rule_custom_index_bound, gn_rule_custom_index_overflow, gn_rule_sbt_offset_bound,
+    gn_rule_sbt_offset_overflow;
 
 static const char *place_of(const struct gn_tlas_build *build)
 {
@@ -317,4 +318,60 @@ const struct gn_rule gn_rule_custom_index_overflow = {
     .on = GN_RULE_ON_TLAS_BUILD,
     .surveys = true,
     .test.tlas_build = custom_index_overflow,
+};
+
+static void sbt_offset_bound(const struct gn_tlas_build *build, struct gn_report *report)
+{
+    const struct gn_survey_class *found = &report->survey->offset_above;
+    uint64_t site;
+    if (!begin(build, report, found, &site))
+        return;
+    char tlas_text[256], instance_text[96];
+    gn_report_add(report, site, &build->tlas, 1,
+                  "%s of %s has the shader-binding-table offset %u, which is not below the declared bound %u. Found in %s.",
+                  which(build, found, instance_text, sizeof instance_text),
+                  gn_object_describe(&build->tlas, tlas_text, sizeof tlas_text),
+                  build->instances[found->first].sbt_offset_and_flags & 0xFFFFFFu, build->sbt_offset_bound, place_of(build));
+}
+
+const struct gn_rule gn_rule_sbt_offset_bound = {
+    .id = "instances.sbt_offset_bound",
+    .title = "Shader-binding-table offset at or above the declared bound",
+    .text = "Where the application declares a bound, the instanceShaderBindingTableRecordOffset of every active instance is below it.",
+    .remedy = "Write an offset that lies in the table (gn_instance_pack in checks/rules/instance.h refuses one of more than 24 bits), or "
+              "declare a higher bound.",
+    .sources = {"WR-079", "DE-098"},
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
+    .on = GN_RULE_ON_TLAS_BUILD,
+    .surveys = true,
+    .test.tlas_build = sbt_offset_bound,
+};
+
+static void sbt_offset_overflow(const struct gn_tlas_build *build, struct gn_report *report)
+{
+    const struct gn_survey_class *found = &report->survey->offset_carry;
+    uint64_t site;
+    if (!begin(build, report, found, &site))
+        return;
+    char tlas_text[256];
+    uint32_t before = build->instances[found->first - 1].sbt_offset_and_flags;
+    uint32_t word = build->instances[found->first].sbt_offset_and_flags;
+    gn_report_add(report, site, &build->tlas, 1,
+                  "from instance %u to %u of %s, the word of shader-binding-table offset and flags rises from 0x%08x to 0x%08x in the step "
+                  "of its neighbours: the offset may have passed 2^24, and the flags were 0x%02x and are 0x%02x. Found in %s.",
+                  found->first - 1, found->first, gn_object_describe(&build->tlas, tlas_text, sizeof tlas_text), before, word,
+                  before >> 24, word >> 24, place_of(build));
+}
+
+const struct gn_rule gn_rule_sbt_offset_overflow = {
+    .id = "instances.sbt_offset_overflow",
+    .title = "Shader-binding-table offset that seems to run over into the flags",
+    .text = "The offset has 24 bits and lies below the flags in one word. Words that rise in equal steps through a multiple of 2^24 look "
+            "like an offset that grew out of its field. This is a guess from the values: memory does not tell what was meant.",
+    .remedy = "Keep offsets below 2^24 (gn_instance_pack in checks/rules/instance.h checks that). If the values are meant, disable this rule.",
+    .sources = {"WR-079", "DE-098"},
+    .severity = GN_EVERYWHERE(GN_SEVERITY_NOTE),
+    .on = GN_RULE_ON_TLAS_BUILD,
+    .surveys = true,
+    .test.tlas_build = sbt_offset_overflow,
 };

@@ -111,51 +111,103 @@ static bool is_plain(const float m[12])
     return !(unusual >> 31) && value > sum * 0x1p-20f && value > 0x1p-60f;
 }
 
-/* Whether word `i` carried out of the 24 bits of the index: three neighbours rise by the same small step, and the mask changes with
- * the second or third. Instances of their own accord do not count through two fields at once. */
-static bool carries(const struct gn_instance_record *instances, uint32_t count, uint32_t i)
+/* Whether word `i` carried out of its lower 24 bits: three neighbours rise by the same small step, and the upper 8 bits change with the
+ * second or third. Instances of their own accord do not count through two fields at once. `word` 0: index and mask, 1: offset and flags. */
+static uint32_t word_of(const struct gn_instance_record *instance, int word)
+{
+    return word ? instance->sbt_offset_and_flags : instance->custom_index_and_mask;
+}
+
+static bool carries(const struct gn_instance_record *instances, uint32_t count, uint32_t i, int which)
 {
     if (i == 0)
         return false;
-    uint32_t before = instances[i - 1].custom_index_and_mask, word = instances[i].custom_index_and_mask, step = word - before;
+    uint32_t before = word_of(&instances[i - 1], which), word = word_of(&instances[i], which), step = word - before;
     if ((word >> 24) == (before >> 24) || !step || step > 0xFFFFu)
         return false;
-    return (i >= 2 && before - instances[i - 2].custom_index_and_mask == step) ||
-           (i + 1 < count && instances[i + 1].custom_index_and_mask - word == step);
+    return (i >= 2 && before - word_of(&instances[i - 2], which) == step) ||
+           (i + 1 < count && word_of(&instances[i + 1], which) - word == step);
 }
 
-void gn_survey_add(const struct gn_tlas_build *build, uint32_t first, uint32_t count, struct gn_survey *out)
+/* Whether everything about the instance is as in nearly every instance, so that nothing but its offset has to be looked at. */
+static bool is_ordinary(const struct gn_tlas_build *build, const struct gn_instance_record *instance, uint32_t last_mask,
+                        uint32_t last_flags)
 {
-    uint32_t last_mask = count ? build->instances[first ? first - 1 : 0].custom_index_and_mask >> 24 : 0;
-    for (uint32_t i = first; i < first + count; i++) {
+    uint32_t mask = instance->custom_index_and_mask >> 24, flags = instance->sbt_offset_and_flags >> 24;
+    return mask == last_mask && mask && flags == last_flags && !(flags & ~build->valid_flags) && instance->reference &&
+           is_plain(instance->object_to_world);
+}
+
+static void survey_matrix(const struct gn_instance_record *instance, uint32_t i, struct gn_survey *out)
+{
+    uint32_t words[12];
+    bool finite = true;
+    memcpy(words, instance->object_to_world, sizeof words);
+    for (int k = 0; k < 12; k++)
+        finite &= k % 4 == 3 || is_finite(words[k]);
+    if (!is_finite(words[3]) || !is_finite(words[7]) || !is_finite(words[11]))
+        note(&out->bad_translation, i);
+    if (!finite || gn_transform_orientation_exact(instance->object_to_world) == 0)
+        note(&out->bad_matrix, i);
+}
+
+static void survey_one(const struct gn_tlas_build *build, uint32_t i, struct gn_survey *out)
+{
+    const struct gn_instance_record *instance = &build->instances[i];
+    uint32_t mask = instance->custom_index_and_mask >> 24;
+    if (!instance->reference)
+        return;
+    if (i && instance[-1].reference) {
+        if (carries(build->instances, build->instance_count, i, 0))
+            note(&out->carry, i);
+        if (carries(build->instances, build->instance_count, i, 1))
+            note(&out->offset_carry, i);
+    }
+    out->active++;
+    if (!mask)
+        note(&out->mask_zero, i);
+    if (instance->sbt_offset_and_flags >> 24 & ~build->valid_flags)
+        note(&out->bad_flags, i);
+    if (!is_plain(instance->object_to_world))
+        survey_matrix(instance, i, out);
+}
+
+/* What was declared of the instances; nearly always that is nothing. */
+static void survey_declared(const struct gn_tlas_build *build, uint32_t first, uint32_t end, struct gn_survey *out)
+{
+    for (uint32_t i = first; i < end; i++) {
         const struct gn_instance_record *instance = &build->instances[i];
         uint32_t mask = instance->custom_index_and_mask >> 24;
-        if (mask != last_mask) {
-            last_mask = mask;
-            if (instance->reference && instance[-1].reference && carries(build->instances, build->instance_count, i))
-                note(&out->carry, i);
-        }
         if (!instance->reference)
             continue;
-        out->active++;
-        if (!mask)
-            note(&out->mask_zero, i);
         if (build->declared_masks && !(build->declared_masks[mask / 64] >> (mask % 64) & 1))
             note(&out->mask_undeclared, i);
         if (build->custom_index_bound && (instance->custom_index_and_mask & 0xFFFFFFu) >= build->custom_index_bound)
             note(&out->index_above, i);
-        if (instance->sbt_offset_and_flags >> 24 & ~build->valid_flags)
-            note(&out->bad_flags, i);
-        if (is_plain(instance->object_to_world))
-            continue;
-        uint32_t words[12];
-        bool finite = true;
-        memcpy(words, instance->object_to_world, sizeof words);
-        for (int k = 0; k < 12; k++)
-            finite &= k % 4 == 3 || is_finite(words[k]);
-        if (!is_finite(words[3]) || !is_finite(words[7]) || !is_finite(words[11]))
-            note(&out->bad_translation, i);
-        if (!finite || gn_transform_orientation_exact(instance->object_to_world) == 0)
-            note(&out->bad_matrix, i);
+        if (build->sbt_offset_bound && (instance->sbt_offset_and_flags & 0xFFFFFFu) >= build->sbt_offset_bound)
+            note(&out->offset_above, i);
     }
+}
+
+void gn_survey_add(const struct gn_tlas_build *build, uint32_t first, uint32_t count, struct gn_survey *out)
+{
+    const struct gn_instance_record *before = count ? &build->instances[first ? first - 1 : 0] : NULL;
+    uint32_t last_mask = before ? before->custom_index_and_mask >> 24 : 0, last_flags = before ? before->sbt_offset_and_flags >> 24 : 0;
+    for (uint32_t i = first; i < first + count; i++) {
+        const struct gn_instance_record *instance = &build->instances[i];
+        uint32_t offset = instance->sbt_offset_and_flags & 0xFFFFFFu;
+        if (is_ordinary(build, instance, last_mask, last_flags)) {
+            out->active++;
+        } else {
+            last_mask = instance->custom_index_and_mask >> 24;
+            last_flags = instance->sbt_offset_and_flags >> 24;
+            survey_one(build, i, out);
+        }
+        if (offset > out->highest_offset && instance->reference && last_mask) {
+            out->highest_offset = offset;
+            out->highest_offset_at = i;
+        }
+    }
+    if (build->declared_masks || build->custom_index_bound || build->sbt_offset_bound)
+        survey_declared(build, first, first + count, out);
 }

@@ -24,10 +24,13 @@ struct gn_survey {
     struct gn_survey_class mask_zero;
     struct gn_survey_class mask_undeclared; /* empty if no masks are declared */
     struct gn_survey_class index_above;     /* custom index at or above the declared bound; empty without one */
+    struct gn_survey_class offset_above;    /* the same of shader-binding-table offsets */
     struct gn_survey_class bad_flags;       /* bits outside of valid_flags */
     struct gn_survey_class bad_matrix;      /* the 3x3 part is not finite, or its determinant is exactly 0 */
     struct gn_survey_class bad_translation; /* the fourth column is not finite */
     struct gn_survey_class carry;           /* see gn_rule_custom_index_overflow; `first` is the instance after the carry */
+    struct gn_survey_class offset_carry;    /* the same of the word of offset and flags */
+    uint32_t highest_offset, highest_offset_at; /* of those whose mask is not 0, and the first instance that has it */
 };
 
 /* Adds the instances [first, first + count) of the build to a survey that was all zero at first, in rising order. */

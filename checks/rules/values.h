@@ -217,6 +217,7 @@ struct gn_tlas_build {
     uint32_t valid_flags;         /* the instance flags that exist on the device, as in the upper 8 bits */
     const uint64_t *declared_masks; /* 256 bits, one per mask that the application means to use; NULL: not declared */
     uint32_t custom_index_bound;  /* every custom index is declared to be below; 0: not declared */
+    uint32_t sbt_offset_bound;    /* the same of shader-binding-table offsets */
     const struct gn_survey *survey; /* of all instances (survey.h); NULL: the library makes it */
 };
 

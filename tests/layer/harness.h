@@ -26,7 +26,8 @@
     X(CmdCopyAccelerationStructureToMemoryKHR)                                                                         \
     X(CmdCopyMemoryToAccelerationStructureKHR)                                                                         \
     X(CmdWriteAccelerationStructuresPropertiesKHR)                                                                     \
-    X(SetDebugUtilsObjectNameEXT)
+    X(SetDebugUtilsObjectNameEXT)                                                                                      \
+    X(SetDebugUtilsObjectTagEXT)
 
 /* What the application's messenger received. */
 struct message {

@@ -2,6 +2,7 @@
 /* The rule end to end: one scenario per row, each a valid or an invalid use of acceleration structures on the real driver.
  * The table runs a second time above Khronos' validation with synchronization validation, which must not object to
  * anything. */
+#include "checks/rules/instance.h"
 #include "tests/layer/harness.h"
 
 #include <math.h>
@@ -744,6 +745,49 @@ static void full_indices_and_masks(struct world *world)
     count_words(world, 0x01FFFFFF, 0x01000000);
 }
 
+/* The TLAS has one instance with mask 1, custom index 7 and offset 9. */
+static void declare(struct world *world, const struct gn_instance_tag *tag, size_t size)
+{
+    struct scene scene = scene_create(world);
+    VkAccelerationStructureInstanceKHR *instance = tlas_instance(&scene.tlas, 0);
+    instance->mask = 1;
+    instance->instanceCustomIndex = 7;
+    instance->instanceShaderBindingTableRecordOffset = 9;
+    VkDebugUtilsObjectTagInfoEXT info = {.sType = VK_STRUCTURE_TYPE_DEBUG_UTILS_OBJECT_TAG_INFO_EXT,
+                                         .objectType = VK_OBJECT_TYPE_ACCELERATION_STRUCTURE_KHR,
+                                         .objectHandle = (uint64_t)scene.tlas.handle,
+                                         .tagName = GN_INSTANCE_TAG,
+                                         .tagSize = size,
+                                         .pTag = tag};
+    assert_int_equal(world->SetDebugUtilsObjectTagEXT(world->device, &info), VK_SUCCESS);
+    run_build(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    scene_destroy(&scene);
+}
+
+static void declared_mask(struct world *world)
+{
+    declare(world, &(struct gn_instance_tag){.masks = {1 << 2}}, sizeof(struct gn_instance_tag));
+}
+
+static void declared_index(struct world *world)
+{
+    declare(world, &(struct gn_instance_tag){.custom_index_bound = 7}, sizeof(struct gn_instance_tag));
+}
+
+static void declared_offset(struct world *world)
+{
+    declare(world, &(struct gn_instance_tag){.sbt_offset_bound = 9}, sizeof(struct gn_instance_tag));
+}
+
+static void declared_and_kept(struct world *world)
+{
+    declare(world, &(struct gn_instance_tag){.masks = {1 << 1}, .custom_index_bound = 8, .sbt_offset_bound = 10},
+            sizeof(struct gn_instance_tag));
+    declare(world, &(struct gn_instance_tag){.custom_index_bound = 7}, 4);
+    assert_int_equal(messages_count(world, "tag"), 1);
+}
+
 static void rebuilt_in_same_call(struct world *world)
 {
     struct scene scene = instance_begin(world);
@@ -1313,6 +1357,10 @@ static const struct scenario {
     FIRES_RULE(all_masks_zero, "instances.mask_zero", "nothing can be hit")
     SILENT(one_mask_zero, "one of two is hidden")
     FIRES_RULE(index_runs_over, "instances.custom_index_overflow", "an index that counts through 2^24")
+    FIRES_RULE(declared_mask, "instances.mask_undeclared", "the tag says mask 2")
+    FIRES_RULE(declared_index, "instances.custom_index_bound", "the tag says below 7")
+    FIRES_RULE(declared_offset, "instances.sbt_offset_bound", "the tag says below 9")
+    SILENT(declared_and_kept, "as the tag says; and a tag of another size says nothing")
     SILENT(full_indices_and_masks, "the highest index and other masks beside each other")
     FIRES(primitive_offset, 1, "the range's offset selects the records")
     SILENT(memory_requirements_agree, "added usage shows in every query alike")

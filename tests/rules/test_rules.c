@@ -181,6 +181,34 @@ static void words_wrap_within(struct subject *subject)
     set_words(subject, (const uint32_t[]){0x07FFFFFE, 0x07FFFFFF, 0x07000000, 0x07000001});
 }
 
+static void set_offset_words(struct subject *subject, const uint32_t words[MAX_INSTANCES])
+{
+    for (int i = 0; i < MAX_INSTANCES; i++)
+        subject->records[i].sbt_offset_and_flags = words[i];
+}
+
+static void offsets_run_over(struct subject *subject)
+{
+    set_offset_words(subject, (const uint32_t[]){0x00FFFFFC, 0x00FFFFFE, 0x01000000, 0x01000002});
+}
+
+static void offsets_wrap_within(struct subject *subject)
+{
+    set_offset_words(subject, (const uint32_t[]){0x01FFFFFC, 0x01FFFFFE, 0x01000000, 0x01000002});
+}
+
+static void offset_bound_3(struct subject *subject)
+{
+    set_offset_words(subject, (const uint32_t[]){0, 0x03000003, 1, 2});
+    subject->build.sbt_offset_bound = 3;
+}
+
+static void offset_bound_4(struct subject *subject)
+{
+    offset_bound_3(subject);
+    subject->build.sbt_offset_bound = 4;
+}
+
 static void words_by_chance(struct subject *subject)
 {
     set_words(subject, (const uint32_t[]){0x07FFFFF0, 0x07FFFFFF, 0x08000000, 0x08000005});
@@ -288,6 +316,10 @@ static const struct row rows[] = {
     FOUR("instances.custom_index_overflow", "runs over", "counts by one through 2^24", 1, "from instance 1 to 2", words_run_over),
     FOUR("instances.custom_index_overflow", "at once", "counts by five, in the first step", 1, "from instance 0 to 1",
          words_run_over_at_once),
+    PAIR("instances.sbt_offset_bound", "at the bound", "the bound is exclusive", 1, "offset 3", offset_bound_3),
+    PAIR("instances.sbt_offset_bound", "below", "the bound is exclusive", 0, NULL, offset_bound_4),
+    FOUR("instances.sbt_offset_overflow", "counts through", "two to each", 1, "from 0x00fffffe to 0x01000000", offsets_run_over),
+    FOUR("instances.sbt_offset_overflow", "wraps", "the offset starts again and the flags stay", 0, NULL, offsets_wrap_within),
     FOUR("instances.custom_index_overflow", "wraps", "the index starts again and the mask stays", 0, NULL, words_wrap_within),
     FOUR("instances.custom_index_overflow", "by chance", "the steps differ", 0, NULL, words_by_chance),
     FOUR("instances.custom_index_overflow", "mask beside index", "both count, each for itself", 0, NULL, words_of_two_masks),
