@@ -133,8 +133,15 @@ struct gn_case_result {
     int64_t nearest_count;
 };
 
+struct gn_case_run;
+/* Takes a trace in the driver's place: what a case would trace, for those who only look. */
+typedef void gn_case_witness(struct gn_case_run *run, const struct gn_cts_scene *scene, const struct gn_cts_ray *rays,
+                             uint32_t ray_count, void *user);
+
 struct gn_case_run {
-    struct gn_device *device;
+    struct gn_device *device; /* NULL where there is a witness */
+    gn_case_witness *witness;
+    void *witness_user;
     struct gn_arena arena; /* finished when the case is over */
     struct gn_random random; /* seeded by the run's seed and the case's name */
     double scale; /* multiplies ray counts; 1 unless asked for by --scale */
@@ -171,6 +178,9 @@ bool gn_case_answers(struct gn_case_run *run, const struct gn_cts_scene *scene, 
 void gn_case_judge(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width,
                    const struct gn_cts_answers *answers);
+
+/* The scene as the reference has it, committed; NULL, and the run in error, when it cannot take it. */
+struct gn_ref_scene *gn_case_reference(struct gn_case_run *run, const struct gn_cts_scene *scene);
 
 /* Adds the answers of a trace to the case's digests; gn_case_trace() and gn_case_judge() do. */
 void gn_case_digest(struct gn_case_run *run, const struct gn_cts_answers *answers, uint32_t ray_count);

@@ -8,6 +8,7 @@ int gn_command_run(int argc, char **argv);
 int gn_command_replay(int argc, char **argv);
 int gn_command_instrument(int argc, char **argv);
 int gn_command_accuracy(int argc, char **argv);
+int gn_command_effects(int argc, char **argv);
 int gn_command_rules(int argc, char **argv);
 int gn_command_layer(int argc, char **argv);
 

@@ -105,7 +105,7 @@ static bool device_answered(struct gn_case_run *run, enum gn_device_status statu
     return false;
 }
 
-static struct gn_ref_scene *reference_scene(struct gn_case_run *run, const struct gn_cts_scene *scene)
+struct gn_ref_scene *gn_case_reference(struct gn_case_run *run, const struct gn_cts_scene *scene)
 {
     struct gn_ref_scene *reference = gn_ref_scene_create();
     if (!reference)
@@ -412,7 +412,7 @@ static void judge_rays(struct gn_case_run *run, const struct gn_cts_scene *scene
 {
     struct gn_case_result *result = &run->result;
     struct gn_ref_judge *judge = NULL;
-    struct gn_ref_scene *reference = reference_scene(run, scene);
+    struct gn_ref_scene *reference = gn_case_reference(run, scene);
     if (!reference)
         goto done;
     judge = gn_ref_judge_create(reference);
@@ -482,6 +482,10 @@ void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, en
     struct gn_cts_answers answers = {0};
     struct gn_arena arena = {0};
     uint32_t first, end;
+    if (run->witness) {
+        run->witness(run, scene, rays, ray_count, run->witness_user);
+        return;
+    }
     if (trace_selected(run, ray_count, &first, &end) && (scene = scene_for(run, scene, &arena)) != NULL &&
         trace(run, scene, program, rays + first, end - first, &arena, &answers))
         judge_rays(run, scene, program, rays, ray_count, first, end, width, &answers);
@@ -493,6 +497,10 @@ bool gn_case_answers(struct gn_case_run *run, const struct gn_cts_scene *scene, 
                      const struct gn_cts_ray *rays, uint32_t ray_count, struct gn_arena *arena,
                      struct gn_cts_answers *out_answers)
 {
+    if (run->witness) {
+        run->witness(run, scene, rays, ray_count, run->witness_user);
+        return false;
+    }
     return run->result.status != GN_CASE_ERROR && (scene = scene_for(run, scene, arena)) != NULL &&
            trace(run, scene, program, rays, ray_count, arena, out_answers);
 }

@@ -19,6 +19,7 @@ static const struct {
     {"replay", gn_command_replay, "gnomon replay",
      "re-run a failing ray or case and explain it step by step"},
     {"accuracy", gn_command_accuracy, "gnomon accuracy", "measure what accuracy costs in time: table and plot"},
+    {"effects", gn_command_effects, "gnomon effects", "say what a scene calls for, what is left out, and what it would cost"},
     {"instrument", gn_command_instrument, "gnomon instrument", "judge one shader and write it with run-time checks"},
     {"layer", gn_command_layer, "gnomon layer", "run an application under the layer and judge its use of ray tracing"},
     {"rules", gn_command_rules, "gnomon rules", "list the layer's rules, with severity, remedy and sources"},
