@@ -16,6 +16,7 @@ static const struct {
     const char *help; /* NULL: not for use by hand */
 } commands[] = {
     {"run", gn_command_run, "gnomon run", "run the conformance suite on a driver and write reports"},
+    {"gate", gn_command_gate, "gnomon gate", "may this driver change land? Compare with expectations or another driver"},
     {"replay", gn_command_replay, "gnomon replay",
      "re-run a failing ray or case and explain it step by step"},
     {"accuracy", gn_command_accuracy, "gnomon accuracy", "measure what accuracy costs in time: table and plot"},

@@ -41,6 +41,7 @@ struct gn_results_case {
     const char *picture;                    /* below the output folder: "images/NAME.png", or "" */
     uint32_t picture_width, picture_height; /* rays */
     const char *replay;                     /* below the output folder: "replay/NAME.json", or "" */
+    uint32_t worker, position; /* the number of the process that ran it, from 1 (0: none did), and how many it had run before */
     enum gn_results_outcome outcome;
     const char *expected; /* the expectation file's status word, or "" */
     const char *expected_reason;

@@ -290,6 +290,10 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
         put_text(doc, root, "expected_reason", cs->expected_reason);
         put_text(doc, root, "expected_place", cs->expected_place);
     }
+    if (cs->worker) {
+        put_uint(doc, root, "worker", cs->worker);
+        put_uint(doc, root, "position", cs->position);
+    }
     if (cs->output && cs->output[0])
         put_text(doc, root, "output", cs->output);
     if (cs->picture_width) {
@@ -507,6 +511,8 @@ bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *ar
     out->expected = get_text(root, "expected", arena);
     out->expected_reason = get_text(root, "expected_reason", arena);
     out->expected_place = get_text(root, "expected_place", arena);
+    out->worker = (uint32_t)get_uint(root, "worker");
+    out->position = (uint32_t)get_uint(root, "position");
     out->output = get_text(root, "output", arena);
     out->picture = get_text(root, "picture", arena);
     out->replay = get_text(root, "replay", arena);

@@ -251,6 +251,10 @@ int gn_run_plan_run(const struct gn_run_plan *plan, const struct gn_run_options 
     run->jobs = options->jobs;
     run->shard = options->shard;
     run->shard_count = options->shard_count;
-    struct gn_runner_options runner = {out, &plan->expectations, options->max_fails, options->resume};
+    struct gn_runner_options runner = {.out = out,
+                                       .expectations = &plan->expectations,
+                                       .max_fails = options->max_fails,
+                                       .quiet = options->quiet,
+                                       .resume = options->resume};
     return gn_runner_run(&runner, plan->cases, plan->count, results);
 }

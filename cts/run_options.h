@@ -16,6 +16,7 @@ struct gn_run_options {
     uint64_t seed, max_fails;
     double scale, timeout;
     bool resume, list;
+    bool quiet; /* nothing on stdout but what --list prints; not an option */
     const char **filters;
     size_t filter_count;
     const char **expects;

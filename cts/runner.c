@@ -26,6 +26,7 @@ struct slot {
     struct gn_process process;
     enum slot_state state;
     size_t index; /* the case it is busy with */
+    uint32_t number, position; /* as in gn_results_case */
     double since; /* of the state */
     unsigned start_failures;
 };
@@ -40,6 +41,7 @@ struct runner {
     double *weights; /* what each case is expected to take */
     struct slot *slots;
     size_t slot_count;
+    uint32_t worker_count; /* started so far */
     bool *skipped; /* the cases that an expectation file says not to run */
     bool device_known;
     bool stop;   /* no case is started any more and workers are killed; results->stopped says why */
@@ -129,6 +131,8 @@ static void record_death(struct runner *runner, struct slot *slot, enum gn_case_
         .seconds = gn_clock() - slot->since,
         .message = *said ? gn_arena_printf(&arena, "%s; the last it printed: %s", what, said) : what,
         .output = noise ? noise : "",
+        .worker = slot->number,
+        .position = slot->position++,
     };
     record(runner, &cs, runner->weights[slot->index]);
     free(noise);
@@ -152,6 +156,8 @@ static void start(struct runner *runner, struct slot *slot)
     if (gn_process_start(&slot->process, run->driver, run->seed, run->scale, error, sizeof error)) {
         slot->state = SLOT_STARTING;
         slot->since = gn_clock();
+        slot->number = ++runner->worker_count;
+        slot->position = 0;
         return;
     }
     slot->state = SLOT_RETIRED;
@@ -282,6 +288,8 @@ static void handle_result(struct runner *runner, struct slot *slot, const char *
         slot->state = cs.status == GN_CASE_ERROR ? SLOT_LEAVING : SLOT_IDLE;
         slot->since = gn_clock();
         slot->start_failures = 0;
+        cs.worker = slot->number;
+        cs.position = slot->position++;
         record(runner, &cs, runner->weights[slot->index]);
     }
     free(noise);
@@ -528,6 +536,10 @@ int gn_runner_run(const struct gn_runner_options *options, const struct gn_selec
         for (size_t i = 0; i < count; i++)
             weight_total += runner.weights[i];
     }
+    /* Processes of the earlier run keep their numbers. */
+    for (size_t i = 0; options->resume && i < earlier.count; i++)
+        if (earlier.cases[i].worker > runner.worker_count)
+            runner.worker_count = earlier.cases[i].worker;
     gn_results_finish(&earlier);
     gn_progress_init(&runner.progress, count, weight_total);
 
@@ -550,11 +562,12 @@ int gn_runner_run(const struct gn_runner_options *options, const struct gn_selec
         gn_results_sort(results);
         exit_status = gn_results_exit_status(results);
         bool written = gn_output_end(&runner.output, results, error, sizeof error);
-        gn_summary_print(results, options->out);
+        if (!options->quiet)
+            gn_summary_print(results, options->out);
         if (!written) {
             fprintf(stderr, "gnomon: %s; results so far are kept in %s/results.jsonl\n", error, options->out);
             exit_status = 3;
-        } else {
+        } else if (!options->quiet) {
             printf("\nreport: %s/report.html\n", options->out);
         }
         if (fflush(stdout) != 0 || ferror(stdout)) {

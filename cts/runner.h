@@ -9,6 +9,7 @@ struct gn_runner_options {
     const char *out; /* the output folder, as typed */
     const struct gn_expectations *expectations;
     uint64_t max_fails; /* 0: no limit */
+    bool quiet;         /* nothing on stdout */
     bool resume;        /* keep what OUT/results.jsonl has of the same run */
 };
 

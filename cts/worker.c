@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The worker: opens the driver, runs the cases whose names it is given, answers with results. */
+#include "cts/bench.h"
 #include "cts/worker.h"
 
 #include <errno.h>
@@ -69,15 +70,23 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
 
 /*
  * GNOMON_TEST_FAULT makes a worker misbehave when it comes to a case, so that the tests of isolation meet the
- * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas.
- * The name "open" stands for the opening of the device. True for "lost".
+ * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas; "crash:NAME<OTHER"
+ * only once OTHER has been run. The name "open" stands for the opening of the device. True for "lost".
  */
 static bool test_fault(const char *name)
 {
     const char *faults = getenv("GNOMON_TEST_FAULT");
     char kind[16], at[256];
+    static bool other_seen;
     for (; faults && *faults; faults += strcspn(faults, ","), faults += *faults == ',') {
-        if (sscanf(faults, "%15[^:,]:%255[^,]", kind, at) != 2 || strcmp(at, name) != 0)
+        if (sscanf(faults, "%15[^:,]:%255[^,]", kind, at) != 2)
+            continue;
+        char *other = strchr(at, '<');
+        if (other) {
+            *other++ = 0;
+            other_seen = other_seen || strcmp(name, other) == 0;
+        }
+        if (strcmp(at, name) != 0 || (other && !other_seen))
             continue;
         fprintf(stderr, "GNOMON_TEST_FAULT: %s at %s\n", kind, name);
         fflush(stderr);
@@ -136,6 +145,38 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     return ok;
 }
 
+/*
+ * GNOMON_TEST_SLOW, "TEXT:FACTOR", plants a slowdown: a driver whose file has TEXT in its name is measured FACTOR times as
+ * slow as it is.
+ */
+static double test_slow(const char *icd)
+{
+    const char *slow = getenv("GNOMON_TEST_SLOW");
+    char text[256];
+    double factor;
+    return slow && sscanf(slow, "%255[^:]:%lf", text, &factor) == 2 && strstr(icd, text) ? factor : 1;
+}
+
+/* One measurement, on request: its value, or in its place why there is none. */
+static bool run_bench(struct gn_bench *bench, struct gn_device *device, const char *name, double factor)
+{
+    char text[1200];
+    double value = 0;
+    size_t item = gn_bench_find(name);
+    if (item == gn_bench_count()) {
+        fprintf(stderr, "gnomon: worker: nothing is measured under the name '%s'\n", name);
+        return false;
+    }
+    if (gn_bench_measure(bench, item, &value) == GN_DEVICE_OK)
+        snprintf(text, sizeof text, "%a", gn_bench_item(item)->bytes ? value : value * factor);
+    else
+        snprintf(text, sizeof text, "- %s", gn_device_message(device));
+    for (char *c = text; *c; c++)
+        if (*c == '\n')
+            *c = ' ';
+    return answer('B', text, strlen(text));
+}
+
 int gn_worker_main(int argc, char **argv)
 {
     char message[2048], line[600];
@@ -143,6 +184,7 @@ int gn_worker_main(int argc, char **argv)
     struct gn_device *device = NULL;
     struct gn_arena arena = {0};
     struct gn_selected *catalogue = NULL;
+    struct gn_bench *bench = NULL;
     FILE *commands = NULL;
     int exit_status = 3;
     if (argc != 5 || fcntl(COMMANDS, F_GETFD) < 0 || fcntl(ANSWERS, F_GETFD) < 0) {
@@ -176,6 +218,13 @@ int gn_worker_main(int argc, char **argv)
     bool go_on = commands != NULL;
     while (go_on && fgets(line, sizeof line, commands)) {
         line[strcspn(line, "\n")] = 0;
+        if (strncmp(line, GN_WORKER_BENCH, sizeof GN_WORKER_BENCH - 1) == 0) {
+            if (!bench && !(bench = gn_bench_create(device)))
+                goto done;
+            if (!run_bench(bench, device, line + sizeof GN_WORKER_BENCH - 1, test_slow(argv[2])))
+                goto done;
+            continue;
+        }
         const struct gn_selected *selected = gn_catalogue_find(catalogue, count, line);
         if (!selected) {
             fprintf(stderr, "gnomon: worker: no case is named '%s'\n", line);
@@ -191,6 +240,7 @@ done:
         fclose(commands);
     free(catalogue);
     gn_arena_finish(&arena);
+    gn_bench_destroy(bench);
     gn_device_destroy(device);
     return exit_status;
 }
