@@ -114,7 +114,7 @@ static void usage(void **state)
         {{NULL}, 2, "usage: gnomon"},
         {{"--version"}, 0, "gnomon 0."},
         {{"--help"}, 0, "replay"},
-        {{"gate"}, 2, "there is no command 'gate'"},
+        {{"nosuch"}, 2, "there is no command 'nosuch'"},
         {{"worker"}, 2, "not for use by hand"},
         {{"run", "--help"}, 0, "--driver"},
         {{"run", "--nonsense"}, 2, "nonsense"},
