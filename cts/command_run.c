@@ -5,25 +5,43 @@
 #include "cts/commands.h"
 #include "cts/driver.h"
 #include "cts/run_options.h"
+#include "cts/selftest.h"
 
 const char *gn_command_name = "gnomon";
 
-enum { OPTION_SELFTEST = 512 };
+enum { OPTION_SELFTEST = 512, OPTION_FAULTS };
+
+struct arguments {
+    struct gn_run_options options;
+    bool selftest;
+    const char *faults;
+};
 
 static const struct argp_option argp_options[] = {
-    {"selftest", OPTION_SELFTEST, NULL, OPTION_HIDDEN, NULL, 0},
+    {"selftest", OPTION_SELFTEST, NULL, 0,
+     "Make lavapipe wrong in one named way at a time, and see whether each is noticed", 1},
+    {"faults", OPTION_FAULTS, "PATTERN", 0, "With --selftest: only the faults of this name; * stands for any characters", 1},
     {0},
 };
 
 static error_t parse(int key, char *argument, struct argp_state *state)
 {
-    (void)argument;
+    struct arguments *arguments = state->input;
     switch (key) {
     case ARGP_KEY_INIT:
-        state->child_inputs[0] = state->input;
+        state->child_inputs[0] = &arguments->options;
         return 0;
     case OPTION_SELFTEST:
-        argp_error(state, "--selftest is not in this version");
+        arguments->selftest = true;
+        return 0;
+    case OPTION_FAULTS:
+        arguments->faults = argument;
+        return 0;
+    case ARGP_KEY_END:
+        if (arguments->faults && !arguments->selftest)
+            argp_error(state, "--faults goes with --selftest");
+        if (arguments->selftest && arguments->options.resume)
+            argp_error(state, "--selftest runs too often to be resumed");
         return 0;
     default:
         return ARGP_ERR_UNKNOWN;
@@ -45,25 +63,29 @@ int gn_command_run(int argc, char **argv)
         children,
         NULL,
         NULL};
-    struct gn_run_options options;
+    struct arguments arguments = {0};
+    struct gn_run_options *options = &arguments.options;
     struct gn_run_plan plan = {0};
     struct gn_results results;
     char error[1024];
     gn_results_init(&results);
-    gn_run_options_init(&options, argc, &results.arena);
+    gn_run_options_init(options, argc, &results.arena);
     int exit_status = 2;
-    if (argp_parse(&argp, argc, argv, 0, NULL, &options) != 0)
+    if (argp_parse(&argp, argc, argv, 0, NULL, &arguments) != 0)
         goto done;
-    exit_status = gn_run_plan_make(&plan, &options, &results);
+    exit_status = gn_run_plan_make(&plan, options, &results);
     if (exit_status != 0 || !plan.count)
         goto done;
-    const char *driver = gn_driver_resolve(options.driver, &results.arena, error, sizeof error);
+    const char *driver = gn_driver_resolve(options->driver, &results.arena, error, sizeof error);
     if (!driver) {
         fprintf(stderr, "gnomon: %s\n", error);
         exit_status = 2;
         goto done;
     }
-    exit_status = gn_run_plan_run(&plan, &options, driver, options.out, gn_run_typed(&results.arena, argc, argv), &results);
+    exit_status = arguments.selftest
+                      ? gn_selftest_run(options, &plan, driver, arguments.faults ? arguments.faults : "*")
+                      : gn_run_plan_run(&plan, options, driver, options->out, gn_run_typed(&results.arena, argc, argv),
+                                        &results);
 done:
     gn_run_plan_finish(&plan);
     gn_results_finish(&results);

@@ -566,22 +566,6 @@ GEOMETRY_FAULT(format_half_subnormal)
         }
 }
 
-/* The fourth component taken for a divisor. */
-GEOMETRY_FAULT(format_w_divides)
-{
-    if (!is_triangles(build, g) || triangles_of(build, g)->vertexFormat != VK_FORMAT_R32G32B32A32_SFLOAT)
-        return;
-    uint32_t count;
-    uint8_t *data = gn_fault_vertices(build, g, &count);
-    for (uint32_t i = 0; i < count; i++) {
-        float v[4];
-        memcpy(v, data + i * triangles_of(build, g)->vertexStride, sizeof v);
-        for (int c = 0; c < 3; c++)
-            v[c] /= v[3];
-        memcpy(data + i * triangles_of(build, g)->vertexStride, v, sizeof v);
-    }
-}
-
 static bool inactive(const float (*positions)[3], const uint32_t triangle[3])
 {
     return isnan(positions[triangle[0]][0]) || isnan(positions[triangle[1]][0]) || isnan(positions[triangle[2]][0]);
@@ -612,7 +596,7 @@ GEOMETRY_FAULT(inactive_first_corner)
     for (uint32_t i = 0; i < build->ranges[g].primitiveCount; i++)
         for (int c = 1; c < 3; c++)
             if (isnan(positions[indices[i][c]][0]) && !isnan(positions[indices[i][0]][0]))
-                positions[indices[i][c]][0] = 0;
+                memset(positions[indices[i][c]], 0, sizeof positions[0]);
 }
 
 static bool is_aabbs(const struct gn_fault_build *build, uint32_t g)
@@ -820,7 +804,7 @@ static void serialized_handles_lost(uint8_t *bytes)
 
 static void serialized_uuid(uint8_t *bytes)
 {
-    bytes[VK_UUID_SIZE] ^= 1;
+    bytes[0] ^= 1;
 }
 
 static void deserialize_rotated(uint8_t *bytes)
@@ -864,6 +848,11 @@ static void limit_alignment(VkPhysicalDeviceAccelerationStructurePropertiesKHR *
 
 #define ON_RAYS(query_word, trace_word, change, value)                                                       \
     {{SpvOpRayQueryInitializeKHR, query_word, 0, change, value}, {SpvOpTraceRayKHR, trace_word, 0, change, value}}
+/* Factors for the ends of the range; 0 and infinity stay what they are. 1 - 2^-24 moves any float by one step. */
+#define JUST_BELOW 0x3F7FFFFF
+#define JUST_ABOVE 0x3F800001
+#define CLEARLY_BELOW 0x3F7FFF00
+#define CLEARLY_ABOVE 0x3F800080
 #define FLAGS(change, value) ON_RAYS(3, 2, change, value)
 #define READ(opcode, builtin, change, value)                                                                 \
     {{opcode, 0, 0, change, value}, {SpvOpLoad, 0, builtin, change, value}}
@@ -948,7 +937,6 @@ const struct gn_fault gn_faults[] = {
     GEOMETRY("formats.snorm", "SNORM is divided by 32,768", format_snorm),
     GEOMETRY("formats.snorm_sign", "two-component SNORM is read as UNORM", format_snorm_unsigned),
     GEOMETRY("formats.half_subnormal", "subnormal halves are flushed", format_half_subnormal),
-    GEOMETRY("formats.w", "the fourth component divides the others", format_w_divides),
     GEOMETRY("aabbs.shrunk", "AABBs are shrunk by 1/4096 of their size", aabb_shrunk),
     GEOMETRY("aabbs.flat", "flat AABBs are lost", aabb_flat),
     GEOMETRY("aabbs.stride", "the stride of AABBs is ignored", aabb_stride),
@@ -979,7 +967,7 @@ const struct gn_fault gn_faults[] = {
     {.name = "serialize.size", .text = "the serialized size is 8 bytes short", .query = serialized_size_short},
     {.name = "serialize.tail", .text = "serialization loses the last 32 bytes", .serialized = serialized_flags},
     {.name = "serialize.handles", .text = "serialized data name no handles", .serialized = serialized_handles_lost},
-    {.name = "serialize.uuid", .text = "serialized data name another version", .serialized = serialized_uuid},
+    {.name = "serialize.uuid", .text = "serialized data name another driver", .serialized = serialized_uuid},
     {.name = "deserialize.handles", .text = "deserialization takes the next handle", .deserialize = deserialize_rotated},
 
     {.name = "limits.geometries", .text = "maxGeometryCount is below what is required", .limits = limit_geometries},
@@ -988,11 +976,11 @@ const struct gn_fault gn_faults[] = {
     {.name = "limits.alignment", .text = "the scratch alignment is above what is allowed", .limits = limit_alignment},
 
     SHADER("range.tmin_ignored", "tmin is 0", ON_RAYS(6, 8, GN_FAULT_SET_FLOAT, 0)),
-    SHADER("range.tmin_below", "tmin is one step lower, as if it were included", ON_RAYS(6, 8, GN_FAULT_ADD_ULPS, -1u)),
-    SHADER("range.tmin_above", "tmin is one step higher", ON_RAYS(6, 8, GN_FAULT_ADD_ULPS, 1)),
+    SHADER("range.tmin_below", "tmin is one step lower, as if it were included", ON_RAYS(6, 8, GN_FAULT_MULTIPLY, JUST_BELOW)),
+    SHADER("range.tmin_above", "tmin is larger by 2^-16 of it", ON_RAYS(6, 8, GN_FAULT_MULTIPLY, CLEARLY_ABOVE)),
     SHADER("range.tmax_ignored", "tmax is 1e30", ON_RAYS(8, 10, GN_FAULT_SET_FLOAT, 0x7149F2CA)),
-    SHADER("range.tmax_above", "tmax is one step higher, as if it were included", ON_RAYS(8, 10, GN_FAULT_ADD_ULPS, 1)),
-    SHADER("range.tmax_below", "tmax is one step lower", ON_RAYS(8, 10, GN_FAULT_ADD_ULPS, -1u)),
+    SHADER("range.tmax_above", "tmax is one step higher, as if it were included", ON_RAYS(8, 10, GN_FAULT_MULTIPLY, JUST_ABOVE)),
+    SHADER("range.tmax_below", "tmax is smaller by 2^-16 of it", ON_RAYS(8, 10, GN_FAULT_MULTIPLY, CLEARLY_BELOW)),
     SHADER("range.normalized", "directions are normalized", ON_RAYS(7, 9, GN_FAULT_NORMALIZE, 0)),
     SHADER("ray_flags.opaque", "the ray flag OPAQUE is ignored", FLAGS(GN_FAULT_AND, ~0x1u)),
     SHADER("ray_flags.no_opaque", "the ray flag NO_OPAQUE is ignored", FLAGS(GN_FAULT_AND, ~0x2u)),

@@ -44,6 +44,7 @@ enum gn_fault_change {
     GN_FAULT_OR,
     GN_FAULT_SWAP_BITS, /* `value` is the lower of two neighbouring bits */
     GN_FAULT_ADD_ULPS, /* to a positive float, as a signed number */
+    GN_FAULT_MULTIPLY, /* a float by the one whose bits `value` has */
     GN_FAULT_SET_FLOAT, /* `value` is its bits */
     GN_FAULT_NOT, /* of a bool */
     GN_FAULT_SWAP_XY, /* of a vector of 2 */

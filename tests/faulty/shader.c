@@ -92,6 +92,12 @@ static uint32_t change(struct rewrite *rewrite, const struct gn_fault_edit *edit
         EMIT(out, SpvOpBitcast, type, to, sum);
         break;
     }
+    case GN_FAULT_MULTIPLY: {
+        const uint32_t factor = rewrite->bound++;
+        EMIT(out, SpvOpBitcast, type, factor, constant(rewrite, u, edit->value));
+        EMIT(out, SpvOpFMul, type, to, from, factor);
+        break;
+    }
     case GN_FAULT_SET_FLOAT:
         EMIT(out, SpvOpBitcast, type, to, constant(rewrite, u, edit->value));
         break;

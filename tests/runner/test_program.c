@@ -119,7 +119,7 @@ static void usage(void **state)
         {{"run", "--help"}, 0, "--driver"},
         {{"run", "--nonsense"}, 2, "nonsense"},
         {{"run", "--backend", "raster"}, 2, "found 'raster'"},
-        {{"run", "--selftest"}, 2, "not in this version"},
+        {{"run", "--faults", "mask.*"}, 2, "goes with --selftest"},
         {{"run", "--jobs", "0"}, 2, "--jobs: expected a whole number from 1"},
         {{"run", "--jobs", "two"}, 2, "found 'two'"},
         {{"run", "--seed", "-1"}, 2, "--seed"},
