@@ -8,7 +8,7 @@
 
 #include "cts/device_internal.h"
 
-#include "bench.spv.h"
+#include "bench_comp.spv.h"
 
 /* One measurement repeats what it measures until it has lasted this long, but at most so often. */
 #define LEAST_SECONDS 0.02
@@ -464,7 +464,7 @@ static enum gn_device_status create_pipeline(struct gn_bench *bench, VkPipeline 
 {
     VkDevice device = bench->device->handle;
     const VkShaderModuleCreateInfo module_info = {
-        .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = sizeof bench_spv, .pCode = bench_spv};
+        .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = sizeof bench_comp_spv, .pCode = bench_comp_spv};
     VkShaderModule module = VK_NULL_HANDLE;
     VkResult result = vkCreateShaderModule(device, &module_info, NULL, &module);
     if (result == VK_SUCCESS) {
