@@ -197,6 +197,12 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
                 return;
             }
         warn(out, "shader_checks: expected off, static, on or unproved, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "safe_mode") == 0) {
+        if (!parse_bool(value, &out->safe_mode))
+            warn(out, "safe_mode: expected true or false, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "proceed_limit") == 0) {
+        if (!parse_count(value, &out->proceed_limit))
+            warn(out, "proceed_limit: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);
     } else if (strcmp(key, "instance_cap") == 0) {
         if (!parse_count(value, &out->instance_cap))
             warn(out, "instance_cap: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);

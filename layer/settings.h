@@ -27,6 +27,8 @@ struct gn_settings {
     enum gn_profile profile;
     struct gn_rule_set rules;
     enum gn_shader_checks shader_checks;
+    bool safe_mode;
+    uint32_t proceed_limit; /* 0: none */
     uint64_t shader_rules_off; /* a bit per rule about shaders */
     uint32_t instance_cap;
     uint32_t input_cap;

@@ -20,8 +20,11 @@ bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish
     shaders->options = (struct gn_spirv_options){.profile = settings->profile,
                                                  .static_only = settings->shader_checks == GN_SHADERS_STATIC,
                                                  .without_proofs = settings->shader_checks == GN_SHADERS_UNPROVED,
-                                                 .disabled = settings->shader_rules_off};
-    const uint64_t told[] = {GN_SPIRV_VERSION, settings->profile, settings->shader_checks, settings->shader_rules_off};
+                                                 .disabled = settings->shader_rules_off,
+                                                 .safe = settings->safe_mode,
+                                                 .proceed_limit = settings->proceed_limit};
+    const uint64_t told[] = {GN_SPIRV_VERSION,           settings->profile,   settings->shader_checks,
+                             settings->shader_rules_off, settings->safe_mode, settings->proceed_limit};
     shaders->seed = XXH3_64bits(told, sizeof told);
     shaders->vertex_stores = wish->vertex_stores;
     shaders->fragment_stores = wish->fragment_stores;

@@ -75,6 +75,7 @@ struct root {
     uint32_t first_object;
     uint32_t group;         /* the root that stands for all that may be the same object */
     bool aliased;           /* reachable under two names at once: nothing is known of its state */
+    bool packed;            /* an array whose states share a word (shadow.c) */
     bool needs_state, needs_tmax; /* of the group's first root: what runs on the device keeps */
 };
 

@@ -56,18 +56,6 @@ bool checks_need_state(const struct site *site)
            ((site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED)) && !live_getters_legal(site));
 }
 
-uint32_t shadow_pointer(struct writer *writer, uint32_t pointer, bool tmax)
-{
-    uint32_t chain[1 + MAX_INDICES], count = 0;
-    uint32_t root = pointer_root(writer->analysis, pointer, chain + 1, &count);
-    chain[0] = root == NONE ? 0 : (tmax ? writer->tmax_of : writer->state_of)[root];
-    if (count == 0)
-        return chain[0];
-    const struct root *of = &writer->analysis->roots[root];
-    uint32_t type = type_pointer(writer, of->storage, tmax ? type_float(writer) : type_uint(writer));
-    return compute(writer, SpvOpAccessChain, type, chain, count + 1u);
-}
-
 /* (state & mask) == value */
 static uint32_t state_is(struct writer *writer, uint32_t state, uint32_t mask, uint32_t value)
 {
@@ -129,7 +117,7 @@ static uint32_t out_of_range(struct writer *writer, uint32_t query, uint32_t t, 
 {
     uint32_t float_ = type_float(writer), bool_ = type_bool(writer), uint_ = type_uint(writer);
     uint32_t tmin = COMPUTE(writer, SpvOpRayQueryGetRayTMinKHR, float_, query);
-    uint32_t tmax = COMPUTE(writer, SpvOpLoad, float_, shadow_pointer(writer, query, true));
+    uint32_t tmax = shadow_tmax(writer, query);
     uint32_t type = type_getter(writer, query, true);
     struct branch hit;
     branch_begin(writer, COMPUTE(writer, SpvOpINotEqual, bool_, type, constant_uint(writer, 0)), &hit);
@@ -324,12 +312,13 @@ static void ray_operands(struct writer *writer, const struct ray *ray, uint32_t 
 }
 
 /* Where `gathered->any` holds, leaves records of those of the site's checks that are among `rules`. The conditions of a ray are
- * computed only there. */
-static void leave(struct writer *writer, const struct site *site, uint64_t rules, struct gathered *gathered, const struct ray *ray,
+ * computed only there. Returns whether the operation would be undefined, 0 if nobody asks. */
+static uint32_t leave(struct writer *writer, const struct site *site, uint64_t rules, struct gathered *gathered, const struct ray *ray,
                   uint32_t state)
 {
     uint32_t uint_ = type_uint(writer), zero = constant_uint(writer, 0), mask = 0, bit = 0;
-    uint32_t to_initialize = site->operation->kind == OPERATION_INITIALIZE ? 0 : RULES_OF_RAY_TO_TRACE;
+    uint32_t to_initialize = site->operation->kind == OPERATION_INITIALIZE ? 0 : RULES_OF_RAY_TO_TRACE, undefined = 0, skip = 0;
+    const struct gn_spirv_options *options = writer->analysis->options;
     struct branch wrong;
     branch_begin(writer, gathered->any, &wrong);
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
@@ -338,6 +327,9 @@ static void leave(struct writer *writer, const struct site *site, uint64_t rules
         uint32_t own_bit = 1u << bit++;
         if (!(rules >> rule & 1))
             continue;
+        if (options->safe && (rule == GN_SPIRV_RULE_PROCEED_LIMIT ||
+                              gn_spirv_rule_at(rule)->severity[options->profile] == GN_SEVERITY_ERROR))
+            undefined |= own_bit;
         uint32_t condition = ray ? ray_condition(writer, ray, rule - to_initialize) : gathered->conditions[rule];
         uint32_t value = COMPUTE(writer, SpvOpSelect, uint_, condition, constant_uint(writer, own_bit), zero);
         mask = mask ? COMPUTE(writer, SpvOpBitwiseOr, uint_, mask, value) : value;
@@ -349,10 +341,18 @@ static void leave(struct writer *writer, const struct site *site, uint64_t rules
     for (int i = 0; i < GN_RECORD_OPERANDS; i++)
         call[4 + i] = gathered->operands[i] ? gathered->operands[i] : zero;
     compute(writer, SpvOpFunctionCall, type_void(writer), call, 4 + GN_RECORD_OPERANDS);
+    if (undefined) {
+        skip = masked(writer, mask, undefined);
+        skip = both(writer, SpvOpINotEqual, skip, zero);
+    }
     branch_end(writer, &wrong);
+    if (!undefined)
+        return 0;
+    uint32_t no = constant_plain(writer, SpvOpConstantFalse, type_bool(writer));
+    return branch_phi(writer, &wrong, type_bool(writer), skip, no);
 }
 
-static void check_ray(struct writer *writer, const struct site *site, uint64_t rules)
+static uint32_t check_ray(struct writer *writer, const struct site *site, uint64_t rules)
 {
     const struct ray_words words = ray_words_of(site->operation);
     struct gathered gathered = {.any = 0};
@@ -360,7 +360,7 @@ static void check_ray(struct writer *writer, const struct site *site, uint64_t r
     uint64_t as_initialize = site->operation->kind == OPERATION_INITIALIZE ? rules : rules >> RULES_OF_RAY_TO_TRACE;
     ray_read(writer, &writer->module->insts[site->inst], &words, &ray);
     gathered.any = ray_suspicious(writer, &ray, as_initialize);
-    leave(writer, site, rules, &gathered, &ray, 0);
+    return leave(writer, site, rules, &gathered, &ray, 0);
 }
 
 /* What a trace says beyond its ray, and the other operations of pipelines. */
@@ -426,16 +426,14 @@ static void gather_call(struct writer *writer, const struct site *site, struct g
     gather(writer, gathered, GN_SPIRV_RULE_CALL_RANGE, both(writer, SpvOpLogicalAnd, known, beyond));
 }
 
-void checks_write(struct writer *writer, const struct site *site)
+uint32_t checks_write(struct writer *writer, const struct site *site)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
     const uint64_t of_ray = site->checked & (RULES_OF_INITIALIZE | RULES_OF_TRACED_RAY), others = site->checked & ~of_ray;
     struct gathered gathered = {.any = 0};
-    uint32_t state = 0;
-    if (of_ray)
-        check_ray(writer, site, of_ray);
+    uint32_t state = 0, skip = of_ray ? check_ray(writer, site, of_ray) : 0;
     if (!others)
-        return;
+        return skip;
     switch (site->operation->kind) {
     case OPERATION_TRACE:
     case OPERATION_TRACE_MOTION: gather_trace(writer, site, &gathered); break;
@@ -444,7 +442,7 @@ void checks_write(struct writer *writer, const struct site *site)
     default:
         if (checks_need_state(site)) {
             uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
-            state = COMPUTE(writer, SpvOpLoad, type_uint(writer), shadow_pointer(writer, query, false));
+            state = shadow_state(writer, query);
             gather_states(writer, site, state, &gathered);
         }
         gather_live(writer, site, state, &gathered);
@@ -453,43 +451,6 @@ void checks_write(struct writer *writer, const struct site *site)
     for (uint32_t rule = GN_SPIRV_RULE_TRACE_NAN; rule < GN_SPIRV_RULE_COUNT; rule++)
         if ((others & site->wrong) >> rule & 1 && !gathered.conditions[rule])
             gather(writer, &gathered, rule, constant_plain(writer, SpvOpConstantTrue, type_bool(writer)));
-    leave(writer, site, others, &gathered, NULL, state);
-}
-
-void shadow_update(struct writer *writer, const struct site *site)
-{
-    const struct inst *inst = &writer->module->insts[site->inst];
-    uint32_t query = inst_word(writer->module, inst, site->operation->query_word), uint_ = type_uint(writer);
-    if (site->root == NONE) {
-        if (site->checked & ~site->wrong & RULE_BIT(TRACE_RECURSION))
-            launch_depth_leave(writer);
-        return;
-    }
-    const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
-    if (site->operation->kind == OPERATION_INITIALIZE) {
-        if (group->needs_state) {
-            uint32_t pointer = shadow_pointer(writer, query, false), value = constant_uint(writer, INITIALIZED);
-            EMIT(&writer->out, SpvOpStore, pointer, value);
-        }
-        if (group->needs_tmax) {
-            uint32_t pointer = shadow_pointer(writer, query, true);
-            EMIT(&writer->out, SpvOpStore, pointer, inst_word(writer->module, inst, 8));
-        }
-    } else if (site->operation->kind == OPERATION_PROCEED && group->needs_state) {
-        /* A query that was never initialized stays so: each later operation on it is one more report. */
-        bool doubtful = site->states & STATE_UNINITIALIZED;
-        uint32_t pointer = shadow_pointer(writer, query, false), started = doubtful ? 0 : INITIALIZED;
-        uint32_t yes = constant_uint(writer, started | CANDIDATE), no = constant_uint(writer, started | FINISHED);
-        uint32_t state = COMPUTE(writer, SpvOpSelect, uint_, inst->result, yes, no);
-        bool counted = writer->analysis->options->proceed_limit != 0;
-        if (doubtful || counted) {
-            const uint32_t proceeds = ~(GN_RECORD_STATE_PROCEEDS - 1);
-            uint32_t before = COMPUTE(writer, SpvOpLoad, uint_, pointer);
-            if (counted)
-                before = COMPUTE(writer, SpvOpIAdd, uint_, before, constant_uint(writer, GN_RECORD_STATE_PROCEEDS));
-            uint32_t kept = masked(writer, before, (doubtful ? INITIALIZED : 0) | (counted ? proceeds : 0));
-            state = COMPUTE(writer, SpvOpBitwiseOr, uint_, state, kept);
-        }
-        EMIT(&writer->out, SpvOpStore, pointer, state);
-    }
+    uint32_t more = leave(writer, site, others, &gathered, NULL, state);
+    return skip && more ? both(writer, SpvOpLogicalOr, skip, more) : skip ? skip : more;
 }

@@ -37,6 +37,8 @@ static uint32_t mirror_type(struct writer *writer, uint32_t type, uint32_t scala
 
 static uint32_t mirror_of(struct writer *writer, uint32_t root, bool tmax)
 {
+    if (writer->analysis->roots[root].packed && !tmax)
+        return type_uint(writer);
     return mirror_type(writer, writer->analysis->roots[root].pointee, tmax ? type_float(writer) : type_uint(writer));
 }
 
@@ -57,6 +59,8 @@ static void shadows_plan(struct writer *writer)
         group->needs_state |= site->checked && checks_need_state(site);
         group->needs_tmax |= (site->checked & RULE_BIT(GENERATE_RANGE)) != 0;
     }
+    for (uint32_t r = 0; r < analysis->root_count; r++)
+        shadow_pack(analysis, &analysis->roots[r]);
     for (uint32_t r = 0; r < analysis->root_count; r++)
         for (int tmax = 0; tmax < 2; tmax++) {
             if (!group_has(analysis, r, tmax))
@@ -192,6 +196,44 @@ static void follow_lines(struct writer *writer, const struct inst *inst)
     }
 }
 
+/* A ray that hits nothing, and is right in every way. */
+static void write_harmless_ray(struct writer *writer, const struct inst *inst)
+{
+    uint32_t zero = constant_float(writer, 0), one = constant_float(writer, 1), no_bits = constant_uint(writer, 0);
+    uint32_t vector = TYPE(writer, SpvOpTypeVector, type_float(writer), 3);
+    uint32_t origin = COMPUTE(writer, SpvOpCompositeConstruct, vector, zero, zero, zero);
+    uint32_t direction = COMPUTE(writer, SpvOpCompositeConstruct, vector, zero, zero, one);
+    EMIT(&writer->out, inst->opcode, inst_word(writer->module, inst, 1), inst_word(writer->module, inst, 2), no_bits, no_bits, origin,
+         zero, direction, zero);
+}
+
+/* The operation where `skip` does not hold. Where it does, its result is 0, and a query is given a ray that hits nothing, so
+ * that what follows finds it initialized. */
+static void write_unless(struct writer *writer, const struct site *site, uint32_t skip)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    struct branch branch;
+    if (site->operation->kind == OPERATION_INITIALIZE) {
+        branch_begin(writer, skip, &branch);
+        write_harmless_ray(writer, inst);
+        branch_end(writer, &branch);
+        lines_restate(writer);
+    }
+    branch_begin(writer, COMPUTE(writer, SpvOpLogicalNot, type_bool(writer), skip), &branch);
+    lines_restate(writer);
+    size_t at = writer->out.count;
+    copy(writer, inst);
+    uint32_t result = inst->result ? new_id(writer) : 0;
+    if (result && !writer->out.failed)
+        writer->out.data[at + 2] = result;
+    branch_end(writer, &branch);
+    if (result) {
+        uint32_t null = constant_plain(writer, SpvOpConstantNull, inst->type);
+        EMIT(&writer->out, SpvOpPhi, inst->type, inst->result, result, branch.inside, null, branch.before);
+    }
+    lines_restate(writer);
+}
+
 static bool has_checks(const struct rewrite *rewrite, const struct block *block)
 {
     for (uint32_t i = block->first; i <= block->last; i++)
@@ -275,11 +317,15 @@ static void write_block(struct rewrite *rewrite, const struct block *block)
                 copy(writer, &module->insts[late]);
                 late_written = true;
             }
+            uint32_t skip = 0;
             if (site->checked) {
-                checks_write(writer, site);
+                skip = checks_write(writer, site);
                 lines_restate(writer);
             }
-            copy(writer, inst);
+            if (skip)
+                write_unless(writer, site, skip);
+            else
+                copy(writer, inst);
             shadow_update(writer, site);
         } else if (inst->opcode == SpvOpFunctionCall) {
             write_call(writer, inst);

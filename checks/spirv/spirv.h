@@ -18,7 +18,7 @@ extern "C" {
 #endif
 
 /* Changes whenever the words written for the same input and options change: part of the key of any cache. */
-#define GN_SPIRV_VERSION 2
+#define GN_SPIRV_VERSION 3
 
 enum gn_spirv_rule_index {
 #define GN_SPIRV_RULE(name) GN_SPIRV_RULE_##name,
@@ -45,6 +45,7 @@ struct gn_spirv_options {
     enum gn_profile profile; /* rules that are silent in it are not evaluated */
     bool static_only;        /* judge, but write no instrumented module */
     bool without_proofs;     /* check at run time even what the flow analysis proves right; to measure what proofs save */
+    bool safe;               /* skip an operation that would be undefined: its result is 0, a ray becomes one that hits nothing */
     bool without_validation; /* trust the module to be valid SPIR-V, which spares SPIRV-Tools' validation */
     uint64_t disabled;       /* a bit per rule that is not to be evaluated */
     uint32_t set, binding;   /* of the storage buffer that records go to, unless `root` says otherwise */

@@ -148,7 +148,8 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint64_t 
         if (!(site->states & ~early))
             site->wrong |= RULE_BIT(COMMITTED_TOO_EARLY);
     }
-    if (analysis->options->without_proofs)
+    /* What is proved after an operation does not hold where that is skipped. */
+    if (analysis->options->without_proofs || analysis->options->safe)
         site->checked = site->judged & ~proved_only(analysis, site);
     site->wrong &= site->judged;
     site->checked = (site->checked | site->wrong) & site->judged;

@@ -97,13 +97,16 @@ uint32_t launch_callables(struct writer *writer);
 uint32_t launch_depth_enter(struct writer *writer);
 void launch_depth_leave(struct writer *writer);
 
-/* The checks of a site, before its instruction. */
-void checks_write(struct writer *writer, const struct site *site);
+/* The checks of a site, before its instruction. Returns a bool, whether the instruction has to be skipped; 0 if it never has. */
+uint32_t checks_write(struct writer *writer, const struct site *site);
 /* Whether the site's checks read what the shadow state says; and what they need of its group. */
 bool checks_need_state(const struct site *site);
 /* What follows the site's instruction to keep the shadow state. */
 void shadow_update(struct writer *writer, const struct site *site);
-/* A pointer to the shadow of the query that `pointer` leads to. */
-uint32_t shadow_pointer(struct writer *writer, uint32_t pointer, bool tmax);
+/* Decides how the states of an array are kept. */
+void shadow_pack(struct analysis *analysis, struct root *root);
+/* What the shadow says of the query that `query` leads to; above the bits of a state may stand those of others. */
+uint32_t shadow_state(struct writer *writer, uint32_t query);
+uint32_t shadow_tmax(struct writer *writer, uint32_t query);
 
 #endif

@@ -6,6 +6,7 @@
 
 #include "asks_comp.spv.h"
 #include "asks_frag.spv.h"
+#include "asks_long_comp.spv.h"
 #include "asks_rgen.spv.h"
 #include "asks_vert.spv.h"
 #include "plain_frag.spv.h"
@@ -16,10 +17,11 @@
 #define COMMAND(world, name) ((PFN_vk##name)vkGetDeviceProcAddr((world)->device, "vk" #name))
 
 static const VkShaderModuleCreateInfo codes[] = {[ASK_COMPUTE] = CODE(asks_comp_spv), [ASK_VERTEX] = CODE(asks_vert_spv),
-                                                 [ASK_FRAGMENT] = CODE(asks_frag_spv), [ASK_RAYGEN] = CODE(asks_rgen_spv)};
+                                                 [ASK_FRAGMENT] = CODE(asks_frag_spv), [ASK_RAYGEN] = CODE(asks_rgen_spv),
+                                                 [ASK_LONG] = CODE(asks_long_comp_spv)};
 static const VkShaderModuleCreateInfo plane = CODE(plane_vert_spv), plain = CODE(plain_frag_spv);
 static const VkShaderStageFlagBits stages[] = {VK_SHADER_STAGE_COMPUTE_BIT, VK_SHADER_STAGE_VERTEX_BIT, VK_SHADER_STAGE_FRAGMENT_BIT,
-                                               VK_SHADER_STAGE_RAYGEN_BIT_KHR};
+                                               VK_SHADER_STAGE_RAYGEN_BIT_KHR, VK_SHADER_STAGE_COMPUTE_BIT};
 
 void ask_world_init(struct world *world, const struct world_options *options)
 {
@@ -133,7 +135,7 @@ static void create_compute(struct world *world, struct asker *asker, const VkSpe
 {
     VkComputePipelineCreateInfo info = {
         .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-        .stage = stage_of(world, &codes[ASK_COMPUTE], VK_SHADER_STAGE_COMPUTE_BIT, asker->way == ASK_INLINE, &asker->module),
+        .stage = stage_of(world, &codes[asker->stage], VK_SHADER_STAGE_COMPUTE_BIT, asker->way == ASK_INLINE, &asker->module),
         .layout = asker->pipeline_layout};
     info.stage.pSpecializationInfo = constants;
     REQUIRE(vkCreateComputePipelines(world->device, VK_NULL_HANDLE, 1, &info, NULL, &asker->pipeline));
@@ -264,7 +266,7 @@ struct asker asker_create(struct world *world, enum ask_stage stage, enum ask_wa
         create_picture(world, &asker);
     if (way == ASK_BY_OBJECT)
         create_object(world, &asker, &constants);
-    else if (stage == ASK_COMPUTE)
+    else if (stage == ASK_COMPUTE || stage == ASK_LONG)
         create_compute(world, &asker, &constants);
     else if (stage == ASK_RAYGEN)
         create_rays(world, &asker);
@@ -348,7 +350,8 @@ static void draw(VkCommandBuffer commands, struct asker *asker)
 void asker_run(struct world *world, struct asker *asker, uint32_t wrong)
 {
     static const VkPipelineBindPoint points[] = {VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_GRAPHICS,
-                                                 VK_PIPELINE_BIND_POINT_GRAPHICS, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR};
+                                                 VK_PIPELINE_BIND_POINT_GRAPHICS, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR,
+                                                 VK_PIPELINE_BIND_POINT_COMPUTE};
     VkPipelineBindPoint point = points[asker->stage];
     const VkShaderStageFlags all = VK_SHADER_STAGE_COMPUTE_BIT | VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT |
                                    VK_SHADER_STAGE_RAYGEN_BIT_KHR;
@@ -360,7 +363,7 @@ void asker_run(struct world *world, struct asker *asker, uint32_t wrong)
         vkCmdBindPipeline(commands, point, asker->pipeline);
     vkCmdBindDescriptorSets(commands, point, asker->pipeline_layout, 0, 1, &asker->set, 0, NULL);
     vkCmdPushConstants(commands, asker->pipeline_layout, all, 0, 4, &wrong);
-    if (asker->stage == ASK_COMPUTE) {
+    if (point == VK_PIPELINE_BIND_POINT_COMPUTE) {
         vkCmdDispatch(commands, 1, 1, 1);
     } else if (asker->stage == ASK_RAYGEN) {
         VkStridedDeviceAddressRegionKHR none = {0};

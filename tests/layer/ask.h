@@ -8,7 +8,7 @@
 #define ASK_LANES 8u  /* invocations of a dispatch or trace */
 #define ASK_SIZE 16u  /* the picture's side */
 
-enum ask_stage { ASK_COMPUTE, ASK_VERTEX, ASK_FRAGMENT, ASK_RAYGEN };
+enum ask_stage { ASK_COMPUTE, ASK_VERTEX, ASK_FRAGMENT, ASK_RAYGEN, ASK_LONG /* compute */ };
 
 /* How the shader comes to the driver. */
 enum ask_way { ASK_BY_MODULE, ASK_INLINE, ASK_BY_LIBRARY, ASK_BY_OBJECT };

@@ -11,17 +11,20 @@
 #include "tests/layer/ask.h"
 
 #define AFTER_FALSE "query.proceed.after_false"
+#define CANDIDATES 64
 #define OPACITY_PAIR "query.initialize.opacity_pair"
 
-/* A TLAS of one triangle, built. */
+/* A TLAS of some triangles in one place, built. */
 struct scene {
     struct structure blas, tlas;
 };
 
-static struct scene scene_create(struct world *world)
+static struct scene scene_create(struct world *world, uint32_t count)
 {
-    struct scene scene = {.blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0), .tlas = tlas_create(world, 1)};
-    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    struct scene scene = {.blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0),
+                          .tlas = tlas_create(world, count)};
+    for (uint32_t i = 0; i < count; i++)
+        tlas_refer(&scene.tlas, i, scene.blas.address);
     VkCommandBuffer commands = commands_begin(world, 0);
     commands_build_one(world, commands, &scene.blas);
     commands_barrier(commands);
@@ -100,7 +103,7 @@ static bool run_row(const struct row *row, size_t index)
     const char *paths[] = {path};
     VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths};
     ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = 1});
-    struct scene scene = scene_create(&world);
+    struct scene scene = scene_create(&world, 1);
     struct asker asker = asker_create(&world, row->stage, row->way, scene.tlas.handle, 1);
     asker_name(&world, &asker, "the module", "the pipeline");
     for (int times = 0; times < 2; times++)
@@ -120,7 +123,7 @@ static bool run_row(const struct row *row, size_t index)
 
     /* The same without the layer. A mistake may do anything, so only what is right is compared. */
     ask_world_init(&bare, &(struct world_options){.without_layer = true});
-    struct scene bare_scene = scene_create(&bare);
+    struct scene bare_scene = scene_create(&bare, 1);
     struct asker bare_asker = asker_create(&bare, row->stage, row->way, bare_scene.tlas.handle, 1);
     asker_run(&bare, &bare_asker, 0);
     asker_run(&world, &asker, 0);
@@ -173,7 +176,7 @@ static void specialized_operands(void **state)
         struct world world;
         ask_world_init(&world, NULL);
         world.above_khronos = false; /* what it says of flags that exclude each other is not the point */
-        struct scene scene = scene_create(&world);
+        struct scene scene = scene_create(&world, 1);
         struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, table[i].flags);
         asker_run(&world, &asker, 0);
         assert_int_equal(messages_count(&world, OPACITY_PAIR), table[i].expected);
@@ -201,7 +204,7 @@ static void levels(void **state)
             {"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths},
             {"VK_LAYER_GNOMON_ray_tracing", "shader_checks", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, &table[i].level}};
         ask_world_init(&world, &(struct world_options){.settings = settings, .setting_count = 2});
-        struct scene scene = scene_create(&world);
+        struct scene scene = scene_create(&world, 1);
         struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, 1);
         asker_run(&world, &asker, 1);
         assert_int_equal(messages_count(&world, AFTER_FALSE), table[i].told);
@@ -218,12 +221,95 @@ static void levels(void **state)
     }
 }
 
+/* What safe mode makes of misuse is defined, and told all the same. */
+static void safe_mode(void **state)
+{
+    static const struct {
+        enum ask_stage stage;
+        uint32_t wrong;
+        float expected; /* in every lane */
+        const char *told;
+        const char *why;
+    } table[] = {
+        {ASK_COMPUTE, 1, 1, AFTER_FALSE, "the Proceed too many is skipped"},
+        {ASK_RAYGEN, 1, 1, AFTER_FALSE, "also there"},
+        {ASK_LONG, 0, CANDIDATES, NULL, "all candidates"},
+        {ASK_LONG, 1, CANDIDATES + 0.5f, "query.initialize.negative_t", "a ray that hits nothing; what is not there is 0"},
+        {ASK_LONG, 2, CANDIDATES + 0.5f, "query.use.uninitialized", "all of an unknown query is 0, and so is its type: none"},
+        {ASK_LONG, 2, CANDIDATES + 0.5f, "query.candidate.none", "no candidate"},
+        {ASK_LONG, 2, CANDIDATES + 0.5f, "query.committed.none", "nothing is committed"},
+        {ASK_LONG, 2, CANDIDATES + 0.5f, "query.confirm.no_candidate", "nothing to confirm"},
+        {ASK_LONG, 2, CANDIDATES + 0.5f, "query.terminate.after_false", "it is over"},
+    };
+    (void)state;
+    VkBool32 yes = VK_TRUE;
+    VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "safe_mode", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &yes};
+    int failures = 0;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = 1});
+        world.above_khronos = false;
+        struct scene scene = scene_create(&world, CANDIDATES);
+        struct asker asker = asker_create(&world, table[i].stage, ASK_BY_MODULE, scene.tlas.handle, 1);
+        asker_run(&world, &asker, table[i].wrong);
+        const float *out = asker.out.mapped;
+        for (uint32_t lane = 0; lane < ASK_LANES; lane++)
+            if (out[lane] != table[i].expected) {
+                print_error("row %zu (%s), lane %u: expected %g, found %g\n", i, table[i].why, lane, (double)table[i].expected,
+                            (double)out[lane]);
+                failures++;
+                break;
+            }
+        if (table[i].told && !messages_count(&world, table[i].told)) {
+            print_error("row %zu (%s): %s is not told\n", i, table[i].why, table[i].told);
+            failures++;
+        }
+        asker_destroy(&world, &asker);
+        scene_destroy(&world, &scene);
+        world_finish(&world);
+    }
+    assert_int_equal(failures, 0);
+}
+
+static void proceed_limit(void **state)
+{
+    static const struct {
+        int32_t limit;
+        VkBool32 safe;
+        uint32_t told;
+        float expected;
+    } table[] = {{0, VK_FALSE, 0, CANDIDATES},
+                 {CANDIDATES + 1, VK_FALSE, 0, CANDIDATES}, /* one more says that there are no more */
+                 {CANDIDATES, VK_FALSE, 1, CANDIDATES},
+                 {10, VK_FALSE, 1, CANDIDATES},
+                 {10, VK_TRUE, 1, 10}};
+    (void)state;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        VkLayerSettingEXT settings[] = {
+            {"VK_LAYER_GNOMON_ray_tracing", "safe_mode", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &table[i].safe},
+            {"VK_LAYER_GNOMON_ray_tracing", "proceed_limit", VK_LAYER_SETTING_TYPE_INT32_EXT, 1, &table[i].limit}};
+        ask_world_init(&world, &(struct world_options){.settings = settings, .setting_count = 2});
+        struct scene scene = scene_create(&world, CANDIDATES);
+        struct asker asker = asker_create(&world, ASK_LONG, ASK_BY_MODULE, scene.tlas.handle, 1);
+        asker_run(&world, &asker, 0);
+        assert_int_equal(messages_count(&world, "query.proceed.limit"), table[i].told);
+        for (uint32_t lane = 0; lane < ASK_LANES; lane++)
+            assert_true(((const float *)asker.out.mapped)[lane] == table[i].expected);
+        asker_destroy(&world, &asker);
+        scene_destroy(&world, &scene);
+        world_finish(&world);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_way),
         cmocka_unit_test(specialized_operands),
         cmocka_unit_test(levels),
+        cmocka_unit_test(safe_mode),
+        cmocka_unit_test(proceed_limit),
     };
     return cmocka_run_group_tests_name("layer.shaders", tests, NULL, NULL);
 }

@@ -1,0 +1,112 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/* The shadow state that a module keeps beside its queries: a word of GN_RECORD_STATE_* for each, and the tmax it was initialized with where
+ * an intersection is generated. A short array of queries has one word for all, four bits for each, as an index that is not
+ * constant costs little in a word and much in an array. */
+#include "checks/spirv/records.h"
+#include "checks/spirv/writer.h"
+
+#define INITIALIZED GN_RECORD_STATE_INITIALIZED
+#define PACKED_BITS 4u
+#define PACKED_MAX 8u
+
+void shadow_pack(struct analysis *analysis, struct root *root)
+{
+    const struct inst *type = definition_of(analysis->module, root->pointee);
+    uint32_t length = 0;
+    root->packed = type && type->opcode == SpvOpTypeArray && !analysis->options->proceed_limit &&
+                   opcode_of(analysis->module, inst_word(analysis->module, type, 2)) == SpvOpTypeRayQueryKHR &&
+                   constant_u32(analysis->module, inst_word(analysis->module, type, 3), &length) && length <= PACKED_MAX;
+}
+
+/* A pointer to the shadow of the query that `query` leads to; of a packed one, to the word. out_shift: where in the word, 0 if it is all. */
+static uint32_t shadow_pointer(struct writer *writer, uint32_t query, bool tmax, uint32_t *out_shift)
+{
+    uint32_t chain[1 + MAX_INDICES], count = 0, uint_ = type_uint(writer);
+    uint32_t root = pointer_root(writer->analysis, query, chain + 1, &count);
+    chain[0] = root == NONE ? 0 : (tmax ? writer->tmax_of : writer->state_of)[root];
+    if (out_shift)
+        *out_shift = 0;
+    if (count == 0)
+        return chain[0];
+    const struct root *of = &writer->analysis->roots[root];
+    if (of->packed && !tmax) {
+        const struct inst *index = definition_of(writer->module, chain[1]);
+        const struct inst *type = index ? definition_of(writer->module, index->type) : NULL;
+        uint32_t at = chain[1];
+        if (!type || inst_word(writer->module, type, 2) != 32)
+            at = COMPUTE(writer, SpvOpUConvert, uint_, at);
+        else if (index->type != uint_)
+            at = COMPUTE(writer, SpvOpBitcast, uint_, at);
+        at = COMPUTE(writer, SpvOpBitwiseAnd, uint_, at, constant_uint(writer, PACKED_MAX - 1));
+        *out_shift = COMPUTE(writer, SpvOpIMul, uint_, at, constant_uint(writer, PACKED_BITS));
+        return chain[0];
+    }
+    uint32_t type = type_pointer(writer, of->storage, tmax ? type_float(writer) : uint_);
+    return compute(writer, SpvOpAccessChain, type, chain, count + 1u);
+}
+
+uint32_t shadow_state(struct writer *writer, uint32_t query)
+{
+    uint32_t shift, uint_ = type_uint(writer), pointer = shadow_pointer(writer, query, false, &shift);
+    uint32_t word = COMPUTE(writer, SpvOpLoad, uint_, pointer);
+    return shift ? COMPUTE(writer, SpvOpShiftRightLogical, uint_, word, shift) : word;
+}
+
+uint32_t shadow_tmax(struct writer *writer, uint32_t query)
+{
+    uint32_t pointer = shadow_pointer(writer, query, true, NULL);
+    return COMPUTE(writer, SpvOpLoad, type_float(writer), pointer);
+}
+
+static void state_store(struct writer *writer, uint32_t query, uint32_t state)
+{
+    uint32_t shift, uint_ = type_uint(writer), pointer = shadow_pointer(writer, query, false, &shift);
+    if (shift) {
+        uint32_t word = COMPUTE(writer, SpvOpLoad, uint_, pointer);
+        uint32_t all = constant_uint(writer, (1u << PACKED_BITS) - 1);
+        uint32_t mask = COMPUTE(writer, SpvOpShiftLeftLogical, uint_, all, shift);
+        mask = COMPUTE(writer, SpvOpNot, uint_, mask);
+        word = COMPUTE(writer, SpvOpBitwiseAnd, uint_, word, mask);
+        state = COMPUTE(writer, SpvOpShiftLeftLogical, uint_, state, shift);
+        state = COMPUTE(writer, SpvOpBitwiseOr, uint_, word, state);
+    }
+    EMIT(&writer->out, SpvOpStore, pointer, state);
+}
+
+void shadow_update(struct writer *writer, const struct site *site)
+{
+    const struct inst *inst = &writer->module->insts[site->inst];
+    uint32_t query = inst_word(writer->module, inst, site->operation->query_word), uint_ = type_uint(writer);
+    if (site->root == NONE) {
+        if (site->checked & ~site->wrong & RULE_BIT(TRACE_RECURSION))
+            launch_depth_leave(writer);
+        return;
+    }
+    const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
+    if (site->operation->kind == OPERATION_INITIALIZE) {
+        if (group->needs_state)
+            state_store(writer, query, constant_uint(writer, INITIALIZED));
+        if (group->needs_tmax) {
+            uint32_t pointer = shadow_pointer(writer, query, true, NULL);
+            EMIT(&writer->out, SpvOpStore, pointer, inst_word(writer->module, inst, 8));
+        }
+    } else if (site->operation->kind == OPERATION_PROCEED && group->needs_state) {
+        /* A query that was never initialized stays so: each later operation on it is one more report. */
+        bool doubtful = (site->states & STATE_UNINITIALIZED) != 0;
+        bool counted = writer->analysis->options->proceed_limit != 0;
+        uint32_t started = doubtful ? 0 : INITIALIZED;
+        uint32_t yes = constant_uint(writer, started | GN_RECORD_STATE_CANDIDATE);
+        uint32_t no = constant_uint(writer, started | GN_RECORD_STATE_FINISHED);
+        uint32_t state = COMPUTE(writer, SpvOpSelect, uint_, inst->result, yes, no);
+        if (doubtful || counted) {
+            const uint32_t proceeds = ~(GN_RECORD_STATE_PROCEEDS - 1);
+            uint32_t before = shadow_state(writer, query);
+            if (counted)
+                before = COMPUTE(writer, SpvOpIAdd, uint_, before, constant_uint(writer, GN_RECORD_STATE_PROCEEDS));
+            uint32_t kept = constant_uint(writer, (doubtful ? INITIALIZED : 0) | (counted ? proceeds : 0));
+            kept = COMPUTE(writer, SpvOpBitwiseAnd, uint_, before, kept);
+            state = COMPUTE(writer, SpvOpBitwiseOr, uint_, state, kept);
+        }
+        state_store(writer, query, state);
+    }
+}
