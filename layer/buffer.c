@@ -61,7 +61,10 @@ static void buffer_gains_address(struct gn_device *device, struct gn_buffer *buf
     if (!buffer->has_address || !device->next.GetBufferDeviceAddress)
         return;
     VkBufferDeviceAddressInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = buffer->handle};
-    buffer->range.base = device->next.GetBufferDeviceAddress(device->handle, &info);
+    buffer->address = device->next.GetBufferDeviceAddress(device->handle, &info);
+    if (buffer->address + buffer->size < buffer->address)
+        buffer->address = 0;
+    buffer->range.base = buffer->address;
     buffer->range.size = buffer->size;
     if (buffer->range.base && buffer->range.base + buffer->range.size > buffer->range.base)
         gn_ranges_insert(buffer->build_input ? &device->inputs : &device->others, &buffer->range);

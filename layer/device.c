@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Devices: which of them the layer watches, and their end. */
 #include "layer/shader.h"
+#include "layer/sync.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -201,6 +202,9 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyDevice(VkDevice handle, const VkAlloc
         gn_descriptors_finish(device);
         gn_modules_finish(device);
         gn_changes_finish(device);
+        gn_sync_finish(device);
+        gn_semaphores_finish(device);
+        gn_render_passes_finish(device);
         gn_as_finish(device);
         gn_buffers_finish(device);
         gn_unlock(device);

@@ -275,8 +275,8 @@ void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuil
     }
 }
 
-static bool needs_scratch(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info,
-                          const VkAccelerationStructureBuildRangeInfoKHR *ranges)
+uint64_t gn_inputs_scratch_size(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                const VkAccelerationStructureBuildRangeInfoKHR *ranges)
 {
     VkAccelerationStructureBuildSizesInfoKHR sizes = sizes_of(device, info, ranges);
     return info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR ? sizes.updateScratchSize : sizes.buildScratchSize;
@@ -329,8 +329,8 @@ void gn_inputs_check_together(struct gn_device *device, const VkAccelerationStru
         if (first != UINT32_MAX)
             keep_clash(device, GN_CLASH_TARGETS, first, target, i, target, 0, &out[i]);
         first = claim(&scratches, scratch, i);
-        if (first != UINT32_MAX && needs_scratch(device, &infos[i], ranges[i]) &&
-            needs_scratch(device, &infos[first], ranges[first]))
+        if (first != UINT32_MAX && gn_inputs_scratch_size(device, &infos[i], ranges[i]) &&
+            gn_inputs_scratch_size(device, &infos[first], ranges[first]))
             keep_clash(device, GN_CLASH_SCRATCH, first, gn_as_get(device, infos[first].dstAccelerationStructure), i, target,
                        scratch, &out[i]);
     }

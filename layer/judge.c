@@ -20,6 +20,7 @@ struct roll {
     const struct gn_as **owners; /* the same structures */
     uint32_t *uses;
     uint64_t version; /* of the TLAS */
+    const struct gn_judgement *judgement; /* NULL: on the host */
     uint32_t count, capacity;
     struct gn_map index; /* reference -> index + 1 */
 };
@@ -137,6 +138,8 @@ static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instanc
     if (build.references_sure)
         unknown = 0;
     gn_report_judge(device->instance, &build, out);
+    if (roll->judgement)
+        gn_order_instances(device, roll->owners, roll->count, roll->judgement, place, out);
     tlas->highest_offset = survey.highest_offset;
     tlas->highest_offset_at = survey.highest_offset_at;
     tlas->highest_offset_of = roll->version;
@@ -194,7 +197,7 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
             recording->events[i].target->mark = judgement->position;
     struct roll roll = {
         .device = device, .queue = judgement->queue, .position = judgement->position, .tlas = judgement->tlas,
-        .version = judgement->version, .partial = capture->partial};
+        .version = judgement->version, .judgement = judgement, .partial = capture->partial};
     judge(&roll, judgement->tlas, capture->records, capture->record_count, place, out);
 }
 

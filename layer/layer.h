@@ -71,7 +71,11 @@ struct gn_messenger {
 };
 
 struct gn_log;
+struct gn_accesses;
+struct gn_barriers;
+struct gn_batch;
 struct gn_bound;
+struct gn_findings;
 struct gn_use;
 struct gn_sarif;
 
@@ -101,6 +105,22 @@ struct gn_instance {
     bool closed;
 };
 
+/* Queues beyond these are not told apart in time: nothing is said about them. */
+#define GN_MAX_CLOCKS 16u
+
+/* Per queue the position up to which everything has happened. */
+struct gn_clock {
+    uint64_t at[GN_MAX_CLOCKS];
+};
+
+struct gn_dependency;
+/* The barriers and waits of a queue, in the order of execution (sync.c). What came up to `forgotten` counts as ordered. */
+struct gn_dependencies {
+    struct gn_dependency *list;
+    uint32_t count, capacity, swept;
+    uint64_t forgotten;
+};
+
 /* The queue id of what the host executes. Queues of the device count from 1. */
 #define GN_QUEUE_HOST 0
 
@@ -120,6 +140,15 @@ struct gn_build_shape {
 /* What a structure was created as; of a GENERIC one, everything that it was built as, and both before that is known. */
 #define GN_LEVEL_BOTTOM 1u
 #define GN_LEVEL_TOP 2u
+
+/* One execution of something that wrote a structure. */
+struct gn_write {
+    uint64_t position, submission;
+    uint32_t queue;
+    uint32_t role; /* enum gn_role */
+    const char *command;
+    VkCommandBuffer command_buffer;
+};
 
 /* What a TLAS was last built from, and what has happened to that since (contents.c). */
 enum gn_change_kind { GN_CHANGE_WRITTEN, GN_CHANGE_DESTROYED, GN_CHANGE_STORAGE_GONE, GN_CHANGE_COUNT };
@@ -165,6 +194,8 @@ struct gn_as {
     enum gn_made made;
     bool compacted;
     struct gn_build_shape *shape;      /* of the build that the contents come from; NULL: not known */
+    uint64_t base;                     /* of its memory; a range of its own where that has no address */
+    struct gn_write last_writes[4];    /* a ring, by `writes` */
     uint64_t writes;                   /* counts everything that was written into it */
     struct gn_members *members;        /* of a TLAS, once a build of it was judged */
     uint64_t used_in, used_version;    /* the submission that read it last, and what it read */
@@ -192,6 +223,7 @@ struct gn_buffer {
     VkBuffer handle;
     VkDeviceSize size;
     VkBufferUsageFlags2 usage; /* as the application asked for it */
+    uint64_t address;  /* 0: not known, or not asked */
     bool has_address;  /* created with device-address usage */
     bool build_input;
     bool storage;      /* of structures */
@@ -246,6 +278,8 @@ enum gn_event_kind {
     GN_EVENT_SERIALIZE,
     GN_EVENT_QUERY_COMPACTED, /* a question for the compacted size */
     GN_EVENT_QUERY,           /* for another property */
+    GN_EVENT_BARRIER,
+    GN_EVENT_ACCESS,          /* another access to memory that builds and traces read */
     GN_EVENT_USE,             /* a trace, dispatch or draw that may read TLASes */
     GN_EVENT_EXECUTE
 };
@@ -278,6 +312,8 @@ struct gn_event {
     uint32_t query;
     struct gn_fault *faults;
     struct gn_use *use;
+    struct gn_accesses *accesses;
+    struct gn_barriers *barriers;
     struct gn_recording *secondary;
 };
 
@@ -310,6 +346,7 @@ struct gn_command_buffer {
     struct gn_command_pool *pool;
     struct gn_command_buffer *previous, *next;
     bool simultaneous;
+    VkRenderPass render_pass; /* begun last */
     struct gn_recording *recording; /* NULL until something is recorded */
     struct gn_bound *bound; /* NULL until something that holds TLASes, or traces through them, is bound */
     char *name;
@@ -332,6 +369,7 @@ struct gn_judgement {
     uint64_t position;
     uint64_t submission;
     uint64_t version; /* of the TLAS, once it is built */
+    struct gn_clock host; /* what the host knew to be over when it submitted */
     struct gn_judgement *next;
 };
 
@@ -362,6 +400,8 @@ struct gn_submission {
     bool owned;    /* the fence is the layer's */
     bool accepted; /* the next layer has returned success: the fence may be asked */
     bool done;
+    uint32_t held; /* batches that are not replayed yet */
+    struct gn_clock host; /* what the host knew to be over when it submitted */
     struct gn_judgement *judgements, **last;
     struct gn_suspicion *suspicions, **last_suspicion;
     struct gn_pending_use *uses, **last_use;
@@ -373,6 +413,8 @@ struct gn_queue {
     uint32_t id;
     char *name;
     struct gn_submission *oldest, **newest; /* those that still wait to be judged */
+    struct gn_batch *held, **last_held;     /* what waits for something that is not submitted yet */
+    struct gn_clock clock;                  /* what comes before the next batch, itself included */
     struct gn_queue *next;
 };
 
@@ -402,6 +444,12 @@ struct gn_device {
     struct gn_changes changes;
     struct gn_ranges inputs, others; /* buffers with an address: with build-input usage, and without */
     VkPhysicalDeviceAccelerationStructurePropertiesKHR limits;
+    struct gn_map semaphores, fence_clocks, render_passes;
+    struct gn_clock host; /* what the host knows to be over */
+    bool order_unknown;   /* something that is not observed orders queues */
+    struct gn_ranges touches; /* accesses that may be under way (sync.c) */
+    uint32_t touch_count, swept;
+    struct gn_dependencies dependencies[GN_MAX_CLOCKS]; /* by queue */
     struct gn_queue *first_queue;
     uint32_t queue_count;
     struct gn_as *destroyed; /* still in `addresses` because a judgement may need them */
@@ -538,6 +586,24 @@ void gn_change_add(struct gn_device *device, const struct gn_as *as, enum gn_cha
                    uint64_t position);
 void gn_changes_finish(struct gn_device *device);
 
+/* semaphore.c; with the device locked. */
+bool gn_semaphore_ready(const struct gn_device *device, VkSemaphore handle, uint64_t value);
+/* What has happened before whoever waits. */
+struct gn_clock gn_semaphore_wait(struct gn_device *device, VkSemaphore handle, uint64_t value);
+void gn_semaphore_signal(struct gn_device *device, VkSemaphore handle, uint64_t value, const struct gn_clock *clock);
+void gn_fence_submitted(struct gn_device *device, VkFence fence, const struct gn_clock *clock);
+void gn_fence_seen(struct gn_device *device, VkFence fence);
+void gn_semaphores_finish(struct gn_device *device);
+/* Not locked: the host has learnt something in a way that is not looked into. */
+void gn_host_saw_all(struct gn_device *device);
+
+/* order.c; with the device locked: whether what wrote the BLASes of a TLAS build comes before it. */
+void gn_order_instances(struct gn_device *device, const struct gn_as *const *structures, uint32_t count,
+                        const struct gn_judgement *judgement, const char *place, struct gn_findings *out);
+
+/* barrier.c */
+void gn_render_passes_finish(struct gn_device *device);
+
 /* use.c, descriptor.c, module.c; with the device locked. */
 void gn_use_free(struct gn_use *use);
 int gn_use_troubles(struct gn_device *device, struct gn_as *tlas, uint64_t version, uint32_t queue, uint64_t position,
@@ -565,6 +631,9 @@ void gn_inputs_check_together(struct gn_device *device, const VkAccelerationStru
                               const VkAccelerationStructureBuildRangeInfoKHR *const *ranges, uint32_t count,
                               struct gn_fault **out);
 void gn_faults_free(struct gn_fault *fault);
+/* The bytes of scratch memory that the driver wants for the build; without an answer none. */
+uint64_t gn_inputs_scratch_size(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info,
+                                const VkAccelerationStructureBuildRangeInfoKHR *ranges);
 
 /* query.c: pools for compacted sizes; with the device locked. */
 struct gn_query_pool *gn_query_pool_get(struct gn_device *device, VkQueryPool handle);
@@ -582,6 +651,8 @@ void gn_staging_finish(struct gn_device *device);
 
 /* submit.c; only the first is called with the device locked. */
 struct gn_queue *gn_queue_get(struct gn_device *device, VkQueue handle);
+/* Replays what was held back, as far as it can go by now. */
+void gn_queues_resume(struct gn_device *device);
 /* Judges what has completed. */
 void gn_device_collect(struct gn_device *device);
 /* Judges what is left when the device ends, and frees the queues. */

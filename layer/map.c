@@ -220,3 +220,23 @@ bool gn_ranges_any(const struct gn_ranges *ranges, uint64_t address, bool (*matc
 {
     return any(ranges->root, address, match, context);
 }
+
+static void overlapping(struct gn_range *tree, uint64_t base, uint64_t end, void (*visit)(struct gn_range *range, void *context),
+                        void *context)
+{
+    if (!tree || tree->highest_end <= base)
+        return;
+    overlapping(tree->left, base, end, visit, context);
+    if (tree->base >= end)
+        return;
+    if (end_of(tree) > base)
+        visit(tree, context);
+    overlapping(tree->right, base, end, visit, context);
+}
+
+void gn_ranges_overlapping(const struct gn_ranges *ranges, uint64_t base, uint64_t size,
+                           void (*visit)(struct gn_range *range, void *context), void *context)
+{
+    if (base + size > base)
+        overlapping(ranges->root, base, base + size, visit, context);
+}

@@ -54,6 +54,9 @@ uint64_t gn_ranges_end(const struct gn_ranges *ranges, uint64_t base);
 /* Whether some range around `address` is one that `match` accepts. */
 bool gn_ranges_any(const struct gn_ranges *ranges, uint64_t address, bool (*match)(const struct gn_range *range, const void *context),
                    const void *context);
+/* Visits every range that has a byte in common with [base, base + size); the ranges must not change in between. */
+void gn_ranges_overlapping(const struct gn_ranges *ranges, uint64_t base, uint64_t size,
+                           void (*visit)(struct gn_range *range, void *context), void *context);
 /* A range that holds all of [base, base + size), NULL if there is none. */
 struct gn_range *gn_ranges_holding(const struct gn_ranges *ranges, uint64_t base, uint64_t size);
 

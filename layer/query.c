@@ -102,6 +102,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_GetQueryPoolResults(VkDevice handle, VkQ
     /* Success without the partial bit: every answer is there. */
     if (result != VK_SUCCESS || (flags & VK_QUERY_RESULT_PARTIAL_BIT))
         return result;
+    gn_host_saw_all(device);
     bool wide = (flags & VK_QUERY_RESULT_64_BIT) != 0;
     gn_lock(device);
     struct gn_query_pool *known = gn_query_pool_get(device, pool);

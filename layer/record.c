@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Recording: command pools and buffers, and the commands on acceleration structures as events. A TLAS build is preceded by a copy
  * of the instance records that it is about to read. */
-#include "layer/layer.h"
+#include "layer/sync.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -31,6 +31,8 @@ void gn_recording_release(struct gn_device *device, struct gn_recording *recordi
         gn_faults_free(event->faults);
         gn_captures_free(device, event->capture);
         gn_use_free(event->use);
+        free(event->accesses);
+        free(event->barriers);
         gn_recording_release(device, event->secondary);
     }
     free(recording->events);
@@ -247,7 +249,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdExecuteCommands(VkCommandBuffer handle, u
 }
 
 /* One event about one or two structures. */
-static void record(VkCommandBuffer handle, struct gn_device *device, enum gn_event_kind kind,
+static void record(VkCommandBuffer handle, struct gn_device *device, const char *command, enum gn_event_kind kind,
                    VkAccelerationStructureKHR target, VkAccelerationStructureKHR source)
 {
     gn_lock(device);
@@ -258,7 +260,10 @@ static void record(VkCommandBuffer handle, struct gn_device *device, enum gn_eve
                                  .target = gn_as_get(device, target),
                                  .source = gn_as_get(device, source),
                                  .unjudged = GN_UNJUDGED_COUNT};
-        gn_command_buffer_add(device, commands, &event);
+        event.accesses =
+            gn_accesses_of(device, command, event.source, GN_ROLE_COPY_SOURCE, event.target, GN_ROLE_COPY_TARGET);
+        if (!gn_command_buffer_add(device, commands, &event))
+            free(event.accesses);
     }
     gn_unlock(device);
 }
@@ -267,7 +272,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdCopyAccelerationStructureKHR(VkCommandBuf
                                                                     const VkCopyAccelerationStructureInfoKHR *info)
 {
     struct gn_device *device = gn_device_of(handle);
-    record(handle, device,
+    record(handle, device, "vkCmdCopyAccelerationStructureKHR",
            info->mode == VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR ? GN_EVENT_COMPACT : GN_EVENT_COPY, info->dst,
            info->src);
     device->next.CmdCopyAccelerationStructureKHR(handle, info);
@@ -277,7 +282,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdCopyAccelerationStructureToMemoryKHR(
     VkCommandBuffer handle, const VkCopyAccelerationStructureToMemoryInfoKHR *info)
 {
     struct gn_device *device = gn_device_of(handle);
-    record(handle, device, GN_EVENT_SERIALIZE, VK_NULL_HANDLE, info->src);
+    record(handle, device, "vkCmdCopyAccelerationStructureToMemoryKHR", GN_EVENT_SERIALIZE, VK_NULL_HANDLE, info->src);
     device->next.CmdCopyAccelerationStructureToMemoryKHR(handle, info);
 }
 
@@ -285,7 +290,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdCopyMemoryToAccelerationStructureKHR(
     VkCommandBuffer handle, const VkCopyMemoryToAccelerationStructureInfoKHR *info)
 {
     struct gn_device *device = gn_device_of(handle);
-    record(handle, device, GN_EVENT_DESERIALIZE, info->dst, VK_NULL_HANDLE);
+    record(handle, device, "vkCmdCopyMemoryToAccelerationStructureKHR", GN_EVENT_DESERIALIZE, info->dst, VK_NULL_HANDLE);
     device->next.CmdCopyMemoryToAccelerationStructureKHR(handle, info);
 }
 
@@ -305,7 +310,10 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdWriteAccelerationStructuresPropertiesKHR(
                                  .pool = compacted_size ? gn_query_pool_get(device, pool) : NULL,
                                  .query = first + i,
                                  .unjudged = GN_UNJUDGED_COUNT};
-        gn_command_buffer_add(device, commands, &event);
+        event.accesses = gn_accesses_of(device, "vkCmdWriteAccelerationStructuresPropertiesKHR", event.source,
+                                        GN_ROLE_QUESTION, NULL, GN_ROLE_COPY_TARGET);
+        if (!gn_command_buffer_add(device, commands, &event))
+            free(event.accesses);
     }
     gn_unlock(device);
     device->next.CmdWriteAccelerationStructuresPropertiesKHR(handle, count, structures, type, pool, first);
@@ -329,7 +337,10 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresIndirectKHR(
                                  .is_update = infos[i].mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR,
                                  .shape = gn_shape_create(&infos[i], NULL),
                                  .unjudged = is_tlas ? GN_UNJUDGED_indirect_builds : GN_UNJUDGED_COUNT};
-        gn_command_buffer_add(device, commands, &event);
+        event.accesses = gn_accesses_of_build(device, "vkCmdBuildAccelerationStructuresIndirectKHR", &infos[i], NULL, event.target,
+                                              event.is_update ? event.source : NULL);
+        if (!gn_command_buffer_add(device, commands, &event))
+            free(event.accesses);
         gn_shape_release(event.shape);
     }
     gn_unlock(device);
@@ -450,9 +461,12 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
             event.unjudged = prepare_capture(device, commands, info, i, ranges[i], &event.capture, &copies);
         else
             gn_geometry_capture(device, commands, info, i, ranges[i], &event.capture, &copies);
+        event.accesses = gn_accesses_of_build(device, "vkCmdBuildAccelerationStructuresKHR", info, ranges[i], event.target,
+                                              event.source);
         if (!gn_command_buffer_add(device, commands, &event)) {
             copies.count = copy_count;
             gn_faults_free(event.faults);
+            free(event.accesses);
             gn_captures_free(device, event.capture);
         }
         gn_shape_release(event.shape);

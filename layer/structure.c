@@ -256,6 +256,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
     /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
      * in the same place and never ask. */
     struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)info->buffer);
+    if (as)
+        as->base = buffer && buffer->address ? buffer->address + info->offset : UINT64_C(1) << 63 | as->id << 36;
     if (as && buffer) {
         as->shared = buffer->external;
         gn_buffer_holds(buffer, as);

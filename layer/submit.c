@@ -2,14 +2,12 @@
 /* Submission: recordings are replayed in the order of submission, TLAS builds wait for the completion of what they are
  * part of, and are then judged. Completion is seen through the application's fence, or one of the layer's where it gave
  * none; nothing is submitted in addition. */
+#include "layer/replay.h"
 #include "layer/shader.h"
-#include "layer/use.h"
 
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
-
-#define MAX_NESTING 16
 
 /* A lost device answers waits at once; a device that hangs at its end is not waited for any longer. */
 #define LAST_WAIT_NANOSECONDS UINT64_C(1000000000)
@@ -22,6 +20,7 @@ struct gn_queue *gn_queue_get(struct gn_device *device, VkQueue handle)
     queue->handle = handle;
     queue->id = GN_QUEUE_HOST + 1 + device->queue_count;
     queue->newest = &queue->oldest;
+    queue->last_held = &queue->held;
     if (!gn_map_put(&device->queues, (uint64_t)(uintptr_t)handle, queue)) {
         free(queue);
         return NULL;
@@ -74,45 +73,6 @@ static void judgement_free(struct gn_device *device, struct gn_judgement *judgem
     free(judgement);
 }
 
-static void judge_use(const void *value, struct gn_report *report)
-{
-    gn_rules_judge_use(value, report);
-}
-
-static const char *pending_place(void *context)
-{
-    return ((struct gn_pending_use *)context)->place;
-}
-
-/* By now it is known what the TLAS was built from, if it ever will be. */
-static void use_settle(struct gn_device *device, struct gn_pending_use *use, bool completed, struct gn_findings *findings)
-{
-    struct gn_trouble troubles[GN_TROUBLE_KINDS];
-    int count = completed && !atomic_load_explicit(&device->incomplete, memory_order_relaxed)
-                    ? gn_use_troubles(device, use->tlas, use->version, use->queue, use->position, use->certain, troubles)
-                    : -1;
-    if (count < 0)
-        gn_tally_unjudged(device, GN_UNJUDGED_unknown_contents, 1);
-    else
-        gn_tally_check(device, GN_CHECKED_uses, 1);
-    for (int i = 0; i < count; i++) {
-        struct gn_findings found;
-        struct gn_pending_finding *finding;
-        gn_findings_init(&found);
-        gn_report_suspect(device->instance,
-                          &(struct gn_suspect){.judge = judge_use,
-                                               .value = &troubles[i],
-                                               .place = &troubles[i].place,
-                                               .make_place = pending_place,
-                                               .context = use},
-                          &found);
-        while ((finding = gn_findings_take(&found)))
-            gn_report_confirm(device->instance, finding, findings);
-    }
-    gn_as_release(use->tlas);
-    free(use);
-}
-
 static void suspicion_settle(struct gn_device *device, struct gn_suspicion *suspicion, bool completed,
                              struct gn_findings *findings)
 {
@@ -139,7 +99,7 @@ static void settle(struct gn_device *device, struct gn_submission *submission, b
         next = judgement->next;
         for (struct gn_pending_use *after; use && use->position < judgement->position; use = after) {
             after = use->next;
-            use_settle(device, use, readable, findings);
+            gn_pending_use_settle(device, use, readable, findings);
         }
         if (judgement->capture && readable)
             gn_judge_capture(device, judgement, findings);
@@ -149,7 +109,7 @@ static void settle(struct gn_device *device, struct gn_submission *submission, b
     }
     for (struct gn_pending_use *after; use; use = after) {
         after = use->next;
-        use_settle(device, use, readable, findings);
+        gn_pending_use_settle(device, use, readable, findings);
     }
     for (struct gn_suspicion *suspicion = submission->suspicions, *next; suspicion; suspicion = next) {
         next = suspicion->next;
@@ -161,426 +121,191 @@ static void settle(struct gn_device *device, struct gn_submission *submission, b
     atomic_fetch_sub(&device->pending, 1);
 }
 
-/* An execution that is about to be repeated while its judgement is still open: if the commands may not be in use twice at once, the
- * first execution is over; if they may, its copy can be overwritten at any time. */
-static void settle_early(struct gn_device *device, const struct gn_recording *recording, struct gn_capture *capture,
-                         struct gn_findings *findings)
-{
-    struct gn_judgement *judgement = capture->pending;
-    if (!recording->simultaneous)
-        gn_judge_capture(device, judgement, findings);
-    else
-        gn_tally_unjudged(device, GN_UNJUDGED_overwritten, 1);
-    judgement->capture = NULL;
-    capture->pending = NULL;
-    atomic_fetch_sub(&device->instance->open_judgements, 1);
-}
+/* A semaphore with what is waited for or signalled. */
+struct meeting {
+    VkSemaphore semaphore;
+    uint64_t value;
+    VkPipelineStageFlags2 stages;
+};
 
-struct replay {
-    struct gn_device *device;
+/* One VkSubmitInfo, in its turn to be replayed: what it waits for may be signalled by something submitted later. */
+struct gn_batch {
+    struct gn_batch *next;
     struct gn_queue *queue;
-    struct gn_submission *submission; /* made when the first judgement needs it */
+    struct gn_submission *submission; /* once the batch is held back */
     uint64_t number, first_position;
-    VkCommandBuffer command_buffer;
-    struct gn_findings *findings;
-    bool touched;
+    struct gn_clock host;
+    VkFence fence; /* of the submission's last batch */
+    uint32_t wait_count, signal_count, command_count;
+    struct meeting *waits, *signals;
+    struct batch_commands {
+        VkCommandBuffer handle;
+        struct gn_recording *recording;
+    } *commands;
 };
 
-static struct gn_submission *submission_of(struct replay *replay)
+static struct gn_batch *batch_create(struct gn_device *device, uint32_t waits, uint32_t signals, uint32_t commands)
 {
-    struct gn_submission *submission = replay->submission;
-    if (!submission && (submission = replay->submission = calloc(1, sizeof *submission))) {
-        submission->number = replay->number;
-        submission->first_position = replay->first_position;
-        submission->last = &submission->judgements;
-        submission->last_suspicion = &submission->suspicions;
-        submission->last_use = &submission->uses;
+    size_t size = sizeof(struct gn_batch) + ((size_t)waits + signals) * sizeof(struct meeting) +
+                  commands * sizeof(struct batch_commands);
+    struct gn_batch *batch = malloc(size);
+    if (!batch) {
+        gn_tally_lost(device);
+        return NULL;
     }
-    return submission;
+    *batch = (struct gn_batch){.waits = (struct meeting *)(batch + 1)};
+    batch->signals = batch->waits + waits;
+    batch->commands = (struct batch_commands *)(batch->signals + signals);
+    return batch;
 }
 
-static void expect_judgement(struct replay *replay, struct gn_recording *recording, uint32_t index, struct gn_capture *capture,
-                             uint64_t position)
+static void batch_add_commands(struct gn_device *device, struct gn_batch *batch, VkCommandBuffer handle)
 {
-    const struct gn_event *event = &recording->events[index];
-    struct gn_device *device = replay->device;
-    struct gn_judgement *judgement = NULL;
-    if (capture->pending)
-        settle_early(device, recording, capture, replay->findings);
-    if (!submission_of(replay))
-        goto fail;
-    judgement = calloc(1, sizeof *judgement);
-    if (!judgement)
-        goto fail;
-    *judgement = (struct gn_judgement){.recording = gn_recording_keep(recording),
-                                       .capture = capture,
-                                       .tlas = gn_as_keep(event->target),
-                                       .event = index,
-                                       .command_buffer = replay->command_buffer,
-                                       .queue = replay->queue->id,
-                                       .position = position,
-                                       .submission = replay->number,
-                                       .version = event->target->writes};
-    event->target->judging++;
-    capture->pending = judgement;
-    atomic_fetch_add(&device->instance->open_judgements, 1);
-    *replay->submission->last = judgement;
-    replay->submission->last = &judgement->next;
-    return;
-fail:
-    gn_tally_lost(device);
+    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
+    if (commands && commands->recording)
+        batch->commands[batch->command_count++] =
+            (struct batch_commands){handle, gn_recording_keep(commands->recording)};
 }
 
-/* A copy has the level of its source, and of serialized data the layer does not know it. */
-static unsigned event_levels(const struct gn_event *event)
+static void batch_free(struct gn_device *device, struct gn_batch *batch)
 {
-    switch (event->kind) {
-    case GN_EVENT_COPY:
-    case GN_EVENT_COMPACT:
-        return event->source && event->source->levels ? event->source->levels : GN_LEVEL_BOTTOM | GN_LEVEL_TOP;
-    case GN_EVENT_DESERIALIZE:
-        return GN_LEVEL_BOTTOM | GN_LEVEL_TOP;
-    default:
-        return event->is_tlas ? GN_LEVEL_TOP : GN_LEVEL_BOTTOM;
-    }
+    for (uint32_t i = 0; i < batch->command_count; i++)
+        gn_recording_release(device, batch->commands[i].recording);
+    free(batch);
 }
 
-static enum gn_command_kind command_of(const struct gn_event *event)
+static bool batch_ready(const struct gn_device *device, const struct gn_batch *batch)
 {
-    switch (event->kind) {
-    case GN_EVENT_BUILD:
-    case GN_EVENT_UPDATE:
-    case GN_EVENT_INDIRECT_BUILD:
-        return event->is_update ? GN_COMMAND_UPDATE : GN_COMMAND_BUILD;
-    case GN_EVENT_COPY:
-        return GN_COMMAND_CLONE;
-    case GN_EVENT_COMPACT:
-        return GN_COMMAND_COMPACT;
-    case GN_EVENT_SERIALIZE:
-        return GN_COMMAND_SERIALIZE;
-    case GN_EVENT_QUERY_COMPACTED:
-        return GN_COMMAND_ASK_COMPACTED_SIZE;
-    case GN_EVENT_QUERY:
-        return GN_COMMAND_ASK_OTHER;
-    default:
-        return GN_COMMAND_KIND_COUNT;
-    }
+    for (uint32_t i = 0; i < batch->wait_count; i++)
+        if (!gn_semaphore_ready(device, batch->waits[i].semaphore, batch->waits[i].value))
+            return false;
+    return true;
 }
 
-static struct gn_contents contents_of(const struct gn_as *as, uint32_t queue, uint64_t position)
-{
-    if (!as)
-        return (struct gn_contents){.structure.object.kind = GN_OBJECT_NONE};
-    return (struct gn_contents){.structure = {.object = {as->kind, (uint64_t)as->handle, as->name},
-                                              .id = as->id,
-                                              .address = as->address,
-                                              .built = gn_as_built(as, queue, position)},
-                                .made = as->made,
-                                .compacted = as->compacted,
-                                .shape = as->shape ? &as->shape->shape : NULL,
-                                .generation = as->generation,
-                                .size = as->size,
-                                .compacted_size = as->compacted_size,
-                                .compacted_size_of = as->compacted_size_of,
-                                .size_asked_of = as->size_asked_of};
-}
-
-/* Where the event that is being replayed stands. */
-struct place {
-    const struct replay *replay;
-    const struct gn_event *event;
-    char text[768];
-};
-
-static const char *place_text(void *context)
-{
-    struct place *place = context;
-    static const char *const names[] = {
-        [GN_EVENT_BUILD] = "vkCmdBuildAccelerationStructuresKHR",
-        [GN_EVENT_UPDATE] = "vkCmdBuildAccelerationStructuresKHR",
-        [GN_EVENT_INDIRECT_BUILD] = "vkCmdBuildAccelerationStructuresIndirectKHR",
-        [GN_EVENT_COPY] = "vkCmdCopyAccelerationStructureKHR",
-        [GN_EVENT_COMPACT] = "vkCmdCopyAccelerationStructureKHR",
-        [GN_EVENT_SERIALIZE] = "vkCmdCopyAccelerationStructureToMemoryKHR",
-        [GN_EVENT_QUERY_COMPACTED] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
-        [GN_EVENT_QUERY] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
-    };
-    const struct replay *replay = place->replay;
-    const struct gn_command_buffer *commands = gn_command_buffer_get(replay->device, replay->command_buffer);
-    char commands_text[256], queue_text[256];
-    struct gn_object commands_object = {GN_OBJECT_COMMAND_BUFFER, (uint64_t)(uintptr_t)replay->command_buffer,
-                                        commands ? commands->name : NULL};
-    struct gn_object queue_object = {GN_OBJECT_QUEUE, (uint64_t)(uintptr_t)replay->queue->handle, replay->queue->name};
-    snprintf(place->text, sizeof place->text, "%s of %s in queue submission %llu (%s)",
-             place->event->use ? place->event->use->command : names[place->event->kind],
-             gn_object_describe(&commands_object, commands_text, sizeof commands_text),
-             (unsigned long long)replay->number, gn_object_describe(&queue_object, queue_text, sizeof queue_text));
-    return place->text;
-}
-
-static void judge_command(const void *value, struct gn_report *report)
-{
-    gn_rules_judge_command(value, report);
-}
-
-static void judge_fault(const void *value, struct gn_report *report)
-{
-    const struct gn_fault *fault = value;
-    if (fault->kind == GN_FAULT_CLASH)
-        gn_rules_judge_clash(&fault->of.clash, report);
-    else if (fault->kind == GN_FAULT_DEMAND)
-        gn_rules_judge_demand(&fault->of.demand, report);
-    else
-        gn_rules_judge_input(&fault->of.input, report);
-}
-
-/* Judges, and keeps what is found until the submission has completed. */
-static void suspect(struct replay *replay, const struct gn_event *event, struct gn_suspect *suspect, bool by_state,
-                    uint64_t position)
+/* Waits, commands, signals. The batch is given up. */
+static void batch_run(struct gn_replay *replay, struct gn_batch *batch)
 {
     struct gn_device *device = replay->device;
-    struct place place = {.replay = replay, .event = event};
-    struct gn_findings suspicions;
-    struct gn_pending_finding *finding;
-    suspect->make_place = place_text;
-    suspect->context = &place;
-    gn_findings_init(&suspicions);
-    gn_report_suspect(device->instance, suspect, &suspicions);
-    while ((finding = gn_findings_take(&suspicions))) {
-        struct gn_submission *submission = submission_of(replay);
-        struct gn_suspicion *suspicion = submission ? calloc(1, sizeof *suspicion) : NULL;
-        if (!suspicion) {
-            free(finding);
-            gn_tally_lost(device);
-            continue;
+    struct gn_queue *queue = replay->queue;
+    gn_clock_join(&queue->clock, &batch->host);
+    for (uint32_t i = 0; i < batch->wait_count; i++) {
+        struct gn_clock seen = gn_semaphore_wait(device, batch->waits[i].semaphore, batch->waits[i].value);
+        gn_clock_join(&queue->clock, &seen);
+        gn_sync_wait(device, queue->id, ++device->position, &seen, batch->waits[i].stages);
+    }
+    replay->host = batch->host;
+    for (uint32_t i = 0; i < batch->command_count; i++) {
+        replay->command_buffer = batch->commands[i].handle;
+        gn_replay_recording(replay, batch->commands[i].recording, 0);
+    }
+    if (queue->id < GN_MAX_CLOCKS)
+        queue->clock.at[queue->id] = device->position;
+    for (uint32_t i = 0; i < batch->signal_count; i++)
+        gn_semaphore_signal(device, batch->signals[i].semaphore, batch->signals[i].value, &queue->clock);
+    if (batch->fence)
+        gn_fence_submitted(device, batch->fence, &queue->clock);
+    batch_free(device, batch);
+}
+
+/* Runs what has been held back, as far as it can go by now; with `all`, whatever it waits for, up to the submission given. */
+static void resume(struct gn_device *device, struct gn_queue *queue, const struct gn_submission *all,
+                   struct gn_findings *findings)
+{
+    while (queue->held && (all || batch_ready(device, queue->held))) {
+        struct gn_batch *batch = queue->held;
+        struct gn_submission *submission = batch->submission;
+        if (!(queue->held = batch->next))
+            queue->last_held = &queue->held;
+        struct gn_replay replay = {.device = device,
+                                   .queue = queue,
+                                   .submission = submission,
+                                   .number = batch->number,
+                                   .first_position = batch->first_position,
+                                   .findings = findings};
+        batch_run(&replay, batch);
+        if (--submission->held == 0 && submission == all)
+            all = NULL;
+    }
+}
+
+/* Until nothing moves any more: what one queue signals may be what another waits for. */
+static void resume_all(struct gn_device *device, struct gn_findings *findings)
+{
+    bool any;
+    do {
+        any = false;
+        for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next) {
+            struct gn_batch *before = queue->held;
+            resume(device, queue, NULL, findings);
+            any |= queue->held != before;
         }
-        *suspicion = (struct gn_suspicion){.finding = finding, .queue = replay->queue->id, .position = position};
-        if (by_state) {
-            suspicion->structures[0] = gn_as_keep(event->source);
-            suspicion->structures[1] = gn_as_keep(event->target);
-        }
-        *submission->last_suspicion = suspicion;
-        submission->last_suspicion = &suspicion->next;
-    }
+    } while (any);
 }
 
-static void expect_use(struct replay *replay, const struct gn_event *event, const struct gn_use_entry *entry, struct gn_as *tlas,
-                       uint64_t position)
+void gn_queues_resume(struct gn_device *device)
 {
-    struct gn_submission *submission = submission_of(replay);
-    struct place place = {.replay = replay, .event = event};
-    const char *text = place_text(&place);
-    struct gn_pending_use *use = submission ? malloc(sizeof *use + strlen(text) + 1) : NULL;
-    if (!use) {
-        gn_tally_lost(replay->device);
-        return;
-    }
-    *use = (struct gn_pending_use){.tlas = gn_as_keep(tlas),
-                                   .version = tlas->writes,
-                                   .position = position,
-                                   .queue = replay->queue->id,
-                                   .certain = entry->certain};
-    memcpy(use->place, text, strlen(text) + 1);
-    *submission->last_use = use;
-    submission->last_use = &use->next;
+    struct gn_findings findings;
+    gn_findings_init(&findings);
+    gn_lock(device);
+    resume_all(device, &findings);
+    gn_unlock(device);
+    gn_report_flush(device->instance, &findings);
 }
 
-static void suspect_command(struct replay *replay, const struct gn_event *event, enum gn_command_kind kind, uint64_t position)
+static void replay_begin(struct gn_replay *replay, struct gn_device *device, VkQueue handle, struct gn_findings *findings)
 {
-    uint32_t queue = replay->queue->id;
-    struct gn_command command = {.kind = kind,
-                                 .shape = event->shape ? &event->shape->shape : NULL,
-                                 .source = contents_of(event->source, queue, position),
-                                 .target = contents_of(event->target, queue, position)};
-    suspect(replay, event, &(struct gn_suspect){.judge = judge_command, .value = &command, .place = &command.place}, true,
-            position);
-    gn_tally_check(replay->device, GN_CHECKED_commands, 1);
+    *replay = (struct gn_replay){.device = device,
+                                 .queue = gn_queue_get(device, handle),
+                                 .number = ++device->submission_count,
+                                 .first_position = device->position + 1,
+                                 .host = device->host,
+                                 .findings = findings};
 }
 
-static void suspect_faults(struct replay *replay, const struct gn_event *event, uint64_t position)
-{
-    for (struct gn_fault *fault = event->faults; fault; fault = fault->next) {
-        const char **place = fault->kind == GN_FAULT_CLASH    ? &fault->of.clash.place
-                             : fault->kind == GN_FAULT_DEMAND ? &fault->of.demand.place
-                                                              : &fault->of.input.place;
-        /* A name may have been given, or changed, since the recording. */
-        if (fault->kind == GN_FAULT_CLASH) {
-            fault->of.clash.first_target.name = fault->structures[0]->name;
-            fault->of.clash.second_target.name = fault->structures[1]->name;
-        } else if (fault->kind == GN_FAULT_DEMAND) {
-            fault->of.demand.target.name = fault->structures[0] ? fault->structures[0]->name : NULL;
-        } else {
-            fault->of.input.target.name = fault->structures[0]->name;
-        }
-        suspect(replay, event, &(struct gn_suspect){.judge = judge_fault, .value = fault, .place = place}, false, position);
-    }
-}
-
-/* So that a finding about the source can say where its contents went. */
-static void moved(struct gn_as *source, const struct gn_as *target)
-{
-    char text[256];
-    if (!source || source == target)
-        return;
-    struct gn_object object = {target->kind, (uint64_t)target->handle, target->name};
-    free(source->moved_to);
-    source->moved_to = strdup(gn_object_describe(&object, text, sizeof text));
-}
-
-/* What the target holds once the event has been executed. A source that another queue may have changed says nothing. */
-static void fill(const struct gn_event *event, uint32_t queue, uint64_t position)
-{
-    struct gn_as *target = event->target, *source = event->source;
-    if (source && source != target && !gn_as_sure(source, queue, position))
-        source = NULL;
-    switch (event->kind) {
-    case GN_EVENT_BUILD:
-    case GN_EVENT_UPDATE:
-    case GN_EVENT_INDIRECT_BUILD:
-        if (!event->is_update)
-            gn_as_holds(target, GN_MADE_BUILT, false, event->shape);
-        else if (target == source)
-            target->made = GN_MADE_UPDATED;
-        else /* what an update must not change is that of the build which the source comes from */
-            gn_as_holds(target, GN_MADE_UPDATED, source && source->compacted,
-                        source && source->shape ? source->shape : event->shape);
-        break;
-    case GN_EVENT_COPY:
-        moved(source, target);
-        gn_as_holds(target, GN_MADE_CLONED, source && source->compacted, source ? source->shape : NULL);
-        break;
-    case GN_EVENT_COMPACT:
-        moved(source, target);
-        gn_as_holds(target, GN_MADE_COMPACTED, true, source ? source->shape : NULL);
-        break;
-    case GN_EVENT_DESERIALIZE:
-        gn_as_holds(target, GN_MADE_DESERIALIZED, false, NULL);
-        break;
-    default:
-        break;
-    }
-}
-
-/* The TLAS is read as the last write before left it. What it was built from may not be known before the submission has completed. */
-static void replay_read(struct replay *replay, const struct gn_event *event, const struct gn_use_entry *entry, uint64_t position)
+static void replay_batch(struct gn_replay *replay, struct gn_batch *batch)
 {
     struct gn_device *device = replay->device;
-    uint32_t queue = replay->queue->id;
-    struct gn_as *tlas = entry->set->slots[entry->slot];
-    struct gn_trouble troubles[GN_TROUBLE_KINDS];
-    int count = 0;
-    if (!tlas || tlas->destroyed_at)
+    struct gn_queue *queue = replay->queue;
+    batch->queue = queue;
+    batch->number = replay->number;
+    batch->first_position = replay->first_position;
+    batch->host = device->host;
+    if (!queue->held && batch_ready(device, batch)) {
+        batch_run(replay, batch);
         return;
-    if (tlas->used_in == replay->number && tlas->used_version == tlas->writes && (tlas->used_certainly || !entry->certain))
-        return;
-    tlas->used_in = replay->number;
-    tlas->used_version = tlas->writes;
-    tlas->used_certainly = entry->certain;
-    enum gn_built built = gn_as_built(tlas, queue, position);
-    if (built == GN_BUILT_NEVER) {
-        troubles[count++] = (struct gn_trouble){.kind = GN_TROUBLE_NEVER_BUILT,
-                                                .certain = entry->certain,
-                                                .tlas = {tlas->kind, (uint64_t)tlas->handle, tlas->name},
-                                                .tlas_id = tlas->id};
-    } else if (tlas->judging) {
-        expect_use(replay, event, entry, tlas, position);
-        return;
-    } else {
-        count = gn_use_troubles(device, tlas, tlas->writes, queue, position, entry->certain, troubles);
     }
-    if (count < 0)
-        gn_tally_unjudged(device, GN_UNJUDGED_unknown_contents, 1);
-    else
-        gn_tally_check(device, GN_CHECKED_uses, 1);
-    for (int i = 0; i < count; i++) {
-        struct gn_event by = {.kind = GN_EVENT_USE, .use = event->use, .source = tlas};
-        suspect(replay, &by, &(struct gn_suspect){.judge = judge_use, .value = &troubles[i], .place = &troubles[i].place},
-                troubles[i].kind == GN_TROUBLE_NEVER_BUILT, position);
-    }
-}
-
-static void replay_use(struct replay *replay, const struct gn_event *event, uint64_t position)
-{
-    for (uint32_t i = 0; i < event->use->count; i++)
-        replay_read(replay, event, &event->use->entries[i], position);
-}
-
-static void replay_recording(struct replay *replay, struct gn_recording *recording, unsigned depth)
-{
-    struct gn_device *device = replay->device;
-    uint32_t command = 0;
-    uint64_t position = 0;
-    for (uint32_t i = 0; i < recording->count; i++) {
-        struct gn_event *event = &recording->events[i];
-        if (event->secondary) {
-            if (depth < MAX_NESTING)
-                replay_recording(replay, event->secondary, depth + 1);
-            continue;
-        }
-        if (event->command != command) {
-            command = event->command;
-            position = ++device->position;
-        }
-        replay->touched = true;
-        if (event->use) {
-            replay_use(replay, event, position);
-            continue;
-        }
-        enum gn_command_kind kind = command_of(event);
-        if (device->builds_unseen && kind != GN_COMMAND_KIND_COUNT)
-            gn_tally_unjudged(device, GN_UNJUDGED_cluster_commands, 1);
-        else if (device->instance->judged_commands >> kind & 1)
-            suspect_command(replay, event, kind, position);
-        suspect_faults(replay, event, position);
-        if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)
-            gn_query_asked(event->pool, event->query, event->source);
-        if (!event->target)
-            continue;
-        if (event->target->kind == GN_OBJECT_STRUCTURE)
-            event->target->kind = event->is_tlas                                            ? GN_OBJECT_TLAS
-                                  : event->kind == GN_EVENT_COPY && event->source           ? event->source->kind
-                                  : event->kind == GN_EVENT_COMPACT && event->source        ? event->source->kind
-                                  : event->kind == GN_EVENT_DESERIALIZE                     ? GN_OBJECT_STRUCTURE
-                                                                                            : GN_OBJECT_BLAS;
-        gn_as_level(event->target, event_levels(event));
-        gn_as_written(device, event->target, replay->queue->id, position);
-        fill(event, replay->queue->id, position);
-        gn_tally_check(device, GN_CHECKED_builds, 1);
-        if (!event->is_tlas) {
-            for (struct gn_capture *capture = event->capture; capture; capture = capture->next)
-                expect_judgement(replay, recording, i, capture, position);
-            continue;
-        }
-        if (event->unjudged != GN_UNJUDGED_COUNT)
-            gn_tally_unjudged(device, event->unjudged, 1);
-        else if (event->capture)
-            expect_judgement(replay, recording, i, event->capture, position);
-        else
-            gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
-    }
-}
-
-static void replay_begin(struct replay *replay, struct gn_device *device, VkQueue handle, struct gn_findings *findings)
-{
-    *replay = (struct replay){.device = device,
-                              .queue = gn_queue_get(device, handle),
-                              .number = ++device->submission_count,
-                              .first_position = device->position + 1,
-                              .findings = findings};
-}
-
-static void replay_commands(struct replay *replay, VkCommandBuffer handle)
-{
-    struct gn_command_buffer *commands = gn_command_buffer_get(replay->device, handle);
-    if (!commands || !commands->recording || !replay->queue)
+    struct gn_submission *submission = gn_replay_submission(replay);
+    if (!submission) {
+        gn_tally_lost(device);
+        batch_free(device, batch);
         return;
-    replay->command_buffer = handle;
-    replay_recording(replay, commands->recording, 0);
+    }
+    batch->submission = submission;
+    submission->held++;
+    *queue->last_held = batch;
+    queue->last_held = &batch->next;
+}
+
+/* A submission that the next layer refuses will not run. */
+static void drop_held(struct gn_device *device, struct gn_queue *queue, const struct gn_submission *submission)
+{
+    for (struct gn_batch **link = &queue->held; *link;) {
+        struct gn_batch *batch = *link;
+        if (batch->submission != submission) {
+            link = &batch->next;
+            continue;
+        }
+        *link = batch->next;
+        batch_free(device, batch);
+    }
+    queue->last_held = &queue->held;
+    while (*queue->last_held)
+        queue->last_held = &(*queue->last_held)->next;
 }
 
 /* The submission is listed before the next layer sees it: from then on another thread may find its fence signalled. Returns the
  * fence to submit with. */
-static VkFence replay_end(struct replay *replay, VkFence fence)
+static VkFence replay_end(struct gn_replay *replay, VkFence fence)
 {
     struct gn_device *device = replay->device;
     struct gn_submission *submission = replay->submission;
@@ -596,7 +321,7 @@ static VkFence replay_end(struct replay *replay, VkFence fence)
     return submission->fence;
 }
 
-static void replay_settle(struct replay *replay, VkResult result)
+static void replay_settle(struct gn_replay *replay, VkResult result)
 {
     struct gn_submission *submission = replay->submission;
     if (!submission)
@@ -613,51 +338,124 @@ static void replay_settle(struct replay *replay, VkResult result)
         if (submission->owned && submission->fence)
             replay->device->next.DestroyFence(replay->device->handle, submission->fence, NULL);
         submission->fence = VK_NULL_HANDLE;
+        drop_held(replay->device, replay->queue, submission);
         settle(replay->device, submission, false, replay->findings);
     }
     gn_unlock(replay->device);
 }
 
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit(VkQueue queue, uint32_t count, const VkSubmitInfo *submits,
-                                                    VkFence fence)
+static struct gn_batch *batch_of(struct gn_device *device, const VkSubmitInfo *info)
 {
-    struct gn_device *device = gn_device_of(queue);
+    const VkTimelineSemaphoreSubmitInfo *values =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO);
+    struct gn_batch *batch =
+        batch_create(device, info->waitSemaphoreCount, info->signalSemaphoreCount, info->commandBufferCount);
+    for (uint32_t i = 0; batch && i < info->waitSemaphoreCount; i++)
+        batch->waits[batch->wait_count++] =
+            (struct meeting){info->pWaitSemaphores[i],
+                             values && i < values->waitSemaphoreValueCount ? values->pWaitSemaphoreValues[i] : 0,
+                             info->pWaitDstStageMask[i]};
+    for (uint32_t i = 0; batch && i < info->signalSemaphoreCount; i++)
+        batch->signals[batch->signal_count++] =
+            (struct meeting){info->pSignalSemaphores[i],
+                             values && i < values->signalSemaphoreValueCount ? values->pSignalSemaphoreValues[i] : 0, 0};
+    for (uint32_t i = 0; batch && i < info->commandBufferCount; i++)
+        batch_add_commands(device, batch, info->pCommandBuffers[i]);
+    return batch;
+}
+
+static struct gn_batch *batch_of_2(struct gn_device *device, const VkSubmitInfo2 *info)
+{
+    struct gn_batch *batch =
+        batch_create(device, info->waitSemaphoreInfoCount, info->signalSemaphoreInfoCount, info->commandBufferInfoCount);
+    for (uint32_t i = 0; batch && i < info->waitSemaphoreInfoCount; i++)
+        batch->waits[batch->wait_count++] =
+            (struct meeting){info->pWaitSemaphoreInfos[i].semaphore, info->pWaitSemaphoreInfos[i].value,
+                             info->pWaitSemaphoreInfos[i].stageMask};
+    for (uint32_t i = 0; batch && i < info->signalSemaphoreInfoCount; i++)
+        batch->signals[batch->signal_count++] =
+            (struct meeting){info->pSignalSemaphoreInfos[i].semaphore, info->pSignalSemaphoreInfos[i].value, 0};
+    for (uint32_t i = 0; batch && i < info->commandBufferInfoCount; i++)
+        batch_add_commands(device, batch, info->pCommandBufferInfos[i].commandBuffer);
+    return batch;
+}
+
+/* vkQueueBindSparse waits and signals like a submission without commands. */
+static struct gn_batch *batch_of_sparse(struct gn_device *device, const VkBindSparseInfo *info)
+{
+    const VkTimelineSemaphoreSubmitInfo *values =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_TIMELINE_SEMAPHORE_SUBMIT_INFO);
+    struct gn_batch *batch = batch_create(device, info->waitSemaphoreCount, info->signalSemaphoreCount, 0);
+    for (uint32_t i = 0; batch && i < info->waitSemaphoreCount; i++)
+        batch->waits[batch->wait_count++] =
+            (struct meeting){info->pWaitSemaphores[i],
+                             values && i < values->waitSemaphoreValueCount ? values->pWaitSemaphoreValues[i] : 0,
+                             VK_PIPELINE_STAGE_2_ALL_COMMANDS_BIT};
+    for (uint32_t i = 0; batch && i < info->signalSemaphoreCount; i++)
+        batch->signals[batch->signal_count++] =
+            (struct meeting){info->pSignalSemaphores[i],
+                             values && i < values->signalSemaphoreValueCount ? values->pSignalSemaphoreValues[i] : 0, 0};
+    return batch;
+}
+
+/* A submission of any kind: `info` is one of the three, the others are NULL. */
+struct submission_info {
+    const VkSubmitInfo *first;
+    const VkSubmitInfo2 *second;
+    const VkBindSparseInfo *sparse;
+};
+
+static VkResult submit(VkQueue handle, uint32_t count, struct submission_info info, VkFence fence)
+{
+    struct gn_device *device = gn_device_of(handle);
     struct gn_findings findings;
-    struct replay replay;
+    struct gn_replay replay;
+    VkFence app_fence = fence;
     gn_findings_init(&findings);
     gn_device_collect(device);
     gn_lock(device);
-    replay_begin(&replay, device, queue, &findings);
-    for (uint32_t i = 0; i < count; i++)
-        for (uint32_t k = 0; k < submits[i].commandBufferCount; k++)
-            replay_commands(&replay, submits[i].pCommandBuffers[k]);
-    fence = replay_end(&replay, fence);
+    replay_begin(&replay, device, handle, &findings);
+    for (uint32_t i = 0; replay.queue && i < count; i++) {
+        struct gn_batch *batch = info.first    ? batch_of(device, &info.first[i])
+                                 : info.second ? batch_of_2(device, &info.second[i])
+                                               : batch_of_sparse(device, &info.sparse[i]);
+        if (!batch)
+            continue;
+        if (i == count - 1)
+            batch->fence = app_fence;
+        replay_batch(&replay, batch);
+    }
+    if (!count && app_fence && replay.queue)
+        gn_fence_submitted(device, app_fence, &replay.queue->clock);
+    /* Sparse binding has a fence of its own only if the application gives one. */
+    if (!info.sparse || app_fence || replay.submission)
+        fence = replay_end(&replay, fence);
+    resume_all(device, &findings);
     gn_unlock(device);
-    VkResult result = device->next.QueueSubmit(queue, count, submits, fence);
+    VkResult result = info.first    ? device->next.QueueSubmit(handle, count, info.first, fence)
+                      : info.second ? device->next.QueueSubmit2(handle, count, info.second, fence)
+                                    : device->next.QueueBindSparse(handle, count, info.sparse, fence);
     replay_settle(&replay, result);
     gn_report_flush(device->instance, &findings);
     return result;
 }
 
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit2(VkQueue queue, uint32_t count, const VkSubmitInfo2 *submits,
-                                                     VkFence fence)
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit(VkQueue queue, uint32_t count, const VkSubmitInfo *submits, VkFence fence)
 {
-    struct gn_device *device = gn_device_of(queue);
-    struct gn_findings findings;
-    struct replay replay;
-    gn_findings_init(&findings);
-    gn_device_collect(device);
-    gn_lock(device);
-    replay_begin(&replay, device, queue, &findings);
-    for (uint32_t i = 0; i < count; i++)
-        for (uint32_t k = 0; k < submits[i].commandBufferInfoCount; k++)
-            replay_commands(&replay, submits[i].pCommandBufferInfos[k].commandBuffer);
-    fence = replay_end(&replay, fence);
-    gn_unlock(device);
-    VkResult result = device->next.QueueSubmit2(queue, count, submits, fence);
-    replay_settle(&replay, result);
-    gn_report_flush(device->instance, &findings);
-    return result;
+    static const VkSubmitInfo none;
+    return submit(queue, count, (struct submission_info){.first = submits ? submits : &none}, fence);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueSubmit2(VkQueue queue, uint32_t count, const VkSubmitInfo2 *submits, VkFence fence)
+{
+    static const VkSubmitInfo2 none;
+    return submit(queue, count, (struct submission_info){.second = submits ? submits : &none}, fence);
+}
+
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueBindSparse(VkQueue queue, uint32_t count, const VkBindSparseInfo *infos, VkFence fence)
+{
+    static const VkBindSparseInfo none;
+    return submit(queue, count, (struct submission_info){.sparse = infos ? infos : &none}, fence);
 }
 
 /* A fence signals after everything submitted to its queue before it: one signalled fence completes all older submissions.
@@ -675,6 +473,16 @@ static bool advance(struct gn_device *device, struct gn_queue *queue, struct gn_
         }
         if (submission->done)
             last_done = submission;
+    }
+    /* It has run, so that what it waited for has come about in a way that was not seen. */
+    for (struct gn_submission *submission = queue->oldest; submission && last_done; submission = submission->next) {
+        if (submission->held) {
+            device->order_unknown = true;
+            gn_tally_unjudged(device, GN_UNJUDGED_unknown_semaphores, 1);
+            resume(device, queue, submission, findings);
+        }
+        if (submission == last_done)
+            break;
     }
     bool any = last_done != NULL || lost;
     while (last_done || (lost && queue->oldest && queue->oldest->accepted)) {
@@ -717,11 +525,13 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueWaitIdle(VkQueue handle)
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.QueueWaitIdle(handle);
-    if (result == VK_SUCCESS && atomic_load(&device->pending)) {
+    if (result == VK_SUCCESS) {
         gn_lock(device);
         struct gn_queue *queue = gn_map_get(&device->queues, (uint64_t)(uintptr_t)handle);
-        if (queue)
+        if (queue) {
             mark_done(queue);
+            gn_clock_join(&device->host, &queue->clock);
+        }
         gn_unlock(device);
     }
     gn_device_collect(device);
@@ -732,10 +542,11 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_DeviceWaitIdle(VkDevice handle)
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.DeviceWaitIdle(handle);
-    if (result == VK_SUCCESS && atomic_load(&device->pending)) {
+    if (result == VK_SUCCESS) {
         gn_lock(device);
         for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
             mark_done(queue);
+        device->host = gn_clock_all(device);
         gn_unlock(device);
     }
     gn_device_collect(device);
@@ -747,6 +558,12 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_WaitForFences(VkDevice handle, uint32_t 
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.WaitForFences(handle, count, fences, all, timeout);
+    if (result == VK_SUCCESS) {
+        gn_lock(device);
+        for (uint32_t i = 0; i < count; i++)
+            gn_fence_seen(device, fences[i]);
+        gn_unlock(device);
+    }
     gn_device_collect(device);
     return result;
 }
@@ -755,6 +572,11 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_GetFenceStatus(VkDevice handle, VkFence 
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.GetFenceStatus(handle, fence);
+    if (result == VK_SUCCESS) {
+        gn_lock(device);
+        gn_fence_seen(device, fence);
+        gn_unlock(device);
+    }
     gn_device_collect(device);
     return result;
 }
@@ -788,26 +610,13 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_ResetFences(VkDevice handle, uint32_t co
 VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyFence(VkDevice handle, VkFence fence, const VkAllocationCallbacks *allocator)
 {
     struct gn_device *device = gn_device_of(handle);
-    if (fence)
+    if (fence) {
         fences_leave(device, 1, &fence);
+        gn_lock(device);
+        free(gn_map_take(&device->fence_clocks, (uint64_t)fence));
+        gn_unlock(device);
+    }
     device->next.DestroyFence(handle, fence, allocator);
-}
-
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_WaitSemaphores(VkDevice handle, const VkSemaphoreWaitInfo *info,
-                                                       uint64_t timeout)
-{
-    struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.WaitSemaphores(handle, info, timeout);
-    gn_device_collect(device);
-    return result;
-}
-
-VKAPI_ATTR VkResult VKAPI_CALL gn_entry_GetSemaphoreCounterValue(VkDevice handle, VkSemaphore semaphore, uint64_t *value)
-{
-    struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.GetSemaphoreCounterValue(handle, semaphore, value);
-    gn_device_collect(device);
-    return result;
 }
 
 void gn_queues_finish(struct gn_device *device)
@@ -823,6 +632,11 @@ void gn_queues_finish(struct gn_device *device)
         if (newest && newest->fence)
             device->next.WaitForFences(device->handle, 1, &newest->fence, VK_TRUE, LAST_WAIT_NANOSECONDS);
         advance(device, queue, &findings);
+        while (queue->held) {
+            struct gn_batch *batch = queue->held;
+            queue->held = batch->next;
+            batch_free(device, batch);
+        }
         while (queue->oldest) {
             struct gn_submission *submission = queue->oldest;
             queue->oldest = submission->next;

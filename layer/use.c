@@ -1,10 +1,12 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Traces, dispatches and draws: which TLASes they read through their descriptors is recorded, and judged where they are executed
  * against what the TLAS holds and what has become of that. */
+#include "layer/sync.h"
 #include "layer/use.h"
 
 #include <stdio.h>
 #include <stdlib.h>
+#include <string.h>
 
 void gn_use_free(struct gn_use *use)
 {
@@ -111,6 +113,35 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdDispatchIndirect(VkCommandBuffer handle, 
     device->next.CmdDispatchIndirect(handle, buffer, offset);
 }
 
+/* The shader binding table that a trace reads; not again where nothing but traces has come since. */
+static void record_table(struct gn_device *device, VkCommandBuffer handle, const char *command,
+                         const VkStridedDeviceAddressRegionKHR *const regions[4])
+{
+    struct gn_access list[4];
+    uint32_t count = 0;
+    for (int i = 0; i < 4; i++)
+        if (regions[i] && regions[i]->deviceAddress && regions[i]->size &&
+            regions[i]->deviceAddress + regions[i]->size > regions[i]->deviceAddress)
+            list[count++] = (struct gn_access){
+                .role = GN_ROLE_BINDING_TABLE, .base = regions[i]->deviceAddress, .size = regions[i]->size};
+    if (!count)
+        return;
+    gn_lock(device);
+    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
+    const struct gn_recording *recording = commands ? commands->recording : NULL;
+    uint32_t last = recording ? recording->count : 0;
+    while (last && recording->events[last - 1].kind == GN_EVENT_USE)
+        last--;
+    const struct gn_event *event = last ? &recording->events[last - 1] : NULL;
+    bool same = event && event->kind == GN_EVENT_ACCESS && event->accesses->count == count;
+    for (uint32_t i = 0; same && i < count; i++)
+        same = event->accesses->list[i].role == GN_ROLE_BINDING_TABLE && event->accesses->list[i].base == list[i].base &&
+               event->accesses->list[i].size == list[i].size;
+    if (commands && !same)
+        gn_command_buffer_access(device, commands, command, list, count);
+    gn_unlock(device);
+}
+
 VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysKHR(VkCommandBuffer handle, const VkStridedDeviceAddressRegionKHR *raygen,
                                                     const VkStridedDeviceAddressRegionKHR *miss,
                                                     const VkStridedDeviceAddressRegionKHR *hit,
@@ -118,6 +149,9 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysKHR(VkCommandBuffer handle, cons
                                                     uint32_t height, uint32_t depth)
 {
     struct gn_device *device = gn_device_of(handle);
+    if (width && height && depth)
+        record_table(device, handle, "vkCmdTraceRaysKHR",
+                     (const VkStridedDeviceAddressRegionKHR *const[4]){raygen, miss, hit, callable});
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysKHR", width && height && depth);
     device->next.CmdTraceRaysKHR(handle, raygen, miss, hit, callable, width, height, depth);
 }

@@ -42,7 +42,7 @@ const struct gn_rule gn_rule_use_never_built = {
     .text = "A TLAS that a shader traces rays through was built before, in the order of execution. This rule speaks where some invocation "
             "of the command certainly traces through it.",
     .remedy = "Submit the TLAS build before the trace, with a barrier between them.",
-    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-018"},
+    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017"},
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_USE,
     .test.use = never_built,
@@ -53,7 +53,7 @@ const struct gn_rule gn_rule_use_never_built_bound = {
     .title = "A TLAS that was never built is bound to a shader that may trace through it",
     .text = "The same as use.tlas_never_built where the shader names the TLAS, but may not trace through it in this command.",
     .remedy = "Build the TLAS first, or make sure that the shader does not reach the trace.",
-    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-018"},
+    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017"},
     .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_NOTE,
                  [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,
                  [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_NOTE,

@@ -191,6 +191,37 @@ struct gn_trouble {
     uint64_t count, total; /* how often it happened; how many BLASes the TLAS has */
 };
 
+/* Two accesses of the same memory, one of them a write, that nothing orders as they should be. */
+enum gn_hazard_kind {
+    GN_HAZARD_INSTANCE,      /* a TLAS build reads a BLAS */
+    GN_HAZARD_TRACE,         /* a trace reads a TLAS */
+    GN_HAZARD_SCRATCH,       /* scratch memory of a build */
+    GN_HAZARD_INPUT,         /* input of a build */
+    GN_HAZARD_STRUCTURE,     /* other reads and writes of structures */
+    GN_HAZARD_BINDING_TABLE, /* a trace reads its shader binding table */
+    GN_HAZARD_KINDS
+};
+enum gn_hazard_why {
+    GN_HAZARD_NOT_ORDERED,   /* the second may start before the first is over */
+    GN_HAZARD_NOT_AVAILABLE, /* ordered; but the writes of the first were not made available */
+    GN_HAZARD_NOT_VISIBLE,   /* available; but not visible to the second */
+    GN_HAZARD_OTHER_QUEUE    /* they run on two queues that nothing orders */
+};
+struct gn_hazard_access {
+    struct gn_object object; /* GN_OBJECT_NONE: plain memory */
+    uint64_t id;
+    const char *what;             /* what the command does, as a verb: "builds" */
+    const char *stages, *accesses; /* as a barrier names them */
+};
+struct gn_hazard {
+    enum gn_hazard_kind kind;
+    enum gn_hazard_why why;
+    bool certain; /* the second access surely takes place */
+    const char *place, *first_place;
+    struct gn_hazard_access first, second;
+    uint64_t begin, end; /* addresses in common */
+};
+
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */
 struct gn_instance_record {
     float object_to_world[12];         /* three rows of four */

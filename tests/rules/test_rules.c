@@ -514,6 +514,34 @@ static const struct use_row {
     {"use.blas_rebuilt", "destroyed", GN_TROUBLE_DESTROYED, true, 0, NULL},
 };
 
+static const struct hazard_row {
+    const char *rule, *name;
+    enum gn_hazard_kind kind;
+    enum gn_hazard_why why;
+    bool uncertain;
+    uint32_t expected;
+    const char *says;
+} hazard_rows[] = {
+    {"sync.blas_to_tlas", "instance", GN_HAZARD_INSTANCE, GN_HAZARD_NOT_ORDERED, false, 1,
+     "0x1000 to 0x1040: a command reads BLAS \"tree\" (0x2), and before that vkCmdFirst builds BLAS \"bush\" (0x1); nothing orders the two. "
+     "Missing: srcStageMask S1, srcAccessMask A1, dstStageMask S2, dstAccessMask A2"},
+    {"sync.blas_to_tlas", "trace", GN_HAZARD_TRACE, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
+    {"sync.tlas_to_trace", "trace", GN_HAZARD_TRACE, GN_HAZARD_NOT_AVAILABLE, false, 1, "do not make what the first writes available"},
+    {"sync.tlas_to_trace", "bound", GN_HAZARD_TRACE, GN_HAZARD_NOT_ORDERED, true, 0, NULL},
+    {"sync.tlas_to_trace_bound", "bound", GN_HAZARD_TRACE, GN_HAZARD_NOT_VISIBLE, true, 1, "visible to the second"},
+    {"sync.tlas_to_trace_bound", "trace", GN_HAZARD_TRACE, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
+    {"sync.scratch", "scratch", GN_HAZARD_SCRATCH, GN_HAZARD_OTHER_QUEUE, false, 1, "they run on two queues"},
+    {"sync.scratch", "input", GN_HAZARD_INPUT, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
+    {"sync.input", "input", GN_HAZARD_INPUT, GN_HAZARD_NOT_ORDERED, false, 1, NULL},
+    {"sync.input", "scratch", GN_HAZARD_SCRATCH, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
+    {"sync.structure", "structure", GN_HAZARD_STRUCTURE, GN_HAZARD_NOT_ORDERED, false, 1, NULL},
+    {"sync.structure", "uncertain", GN_HAZARD_STRUCTURE, GN_HAZARD_NOT_ORDERED, true, 0, NULL},
+    {"sync.binding_table", "table", GN_HAZARD_BINDING_TABLE, GN_HAZARD_NOT_ORDERED, false, 1, NULL},
+    {"sync.binding_table", "input", GN_HAZARD_INPUT, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
+};
+
+#define HAZARD_ROW_COUNT (sizeof hazard_rows / sizeof hazard_rows[0])
+
 #define USE_ROW_COUNT (sizeof use_rows / sizeof use_rows[0])
 
 #define ROW_COUNT (sizeof rows / sizeof rows[0])
@@ -711,6 +739,18 @@ static void every_input_row(void **state)
         gn_rules_judge_use(&use, &report);
         failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
     }
+    for (size_t i = 0; i < HAZARD_ROW_COUNT; i++) {
+        const struct hazard_row *row = &hazard_rows[i];
+        struct collected out = {.findings = 0};
+        struct gn_report report = report_into(&out);
+        struct gn_hazard hazard = {.kind = row->kind, .why = row->why, .certain = !row->uncertain, .first_place = "vkCmdFirst",
+                                   .first = {{GN_OBJECT_BLAS, 1, "bush"}, 1, "builds", "S1", "A1"},
+                                   .second = {{GN_OBJECT_BLAS, 2, "tree"}, 2, "reads", "S2", "A2"},
+                                   .begin = 0x1000, .end = 0x1040};
+        enable_only(&report, row->rule);
+        gn_rules_judge_hazard(&hazard, &report);
+        failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
+    }
     assert_int_equal(failures, 0);
 }
 
@@ -736,6 +776,9 @@ static void every_rule_fires_and_stays_silent(void **state)
         for (size_t i = 0; i < USE_ROW_COUNT; i++)
             if (strcmp(use_rows[i].rule, gn_rules_at(r)->id) == 0)
                 use_rows[i].expected ? firing++ : silent++;
+        for (size_t i = 0; i < HAZARD_ROW_COUNT; i++)
+            if (strcmp(hazard_rows[i].rule, gn_rules_at(r)->id) == 0)
+                hazard_rows[i].expected ? firing++ : silent++;
         contents_rows_count(gn_rules_at(r)->id, &firing, &silent);
         if (!firing || !silent) {
             print_error("%s has %d firing and %d silent rows; it needs both\n", gn_rules_at(r)->id, firing, silent);
