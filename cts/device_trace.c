@@ -29,7 +29,7 @@ _Static_assert(sizeof(struct gn_ref_answer) == 40, "the shaders' stride");
 _Static_assert(offsetof(struct gn_ref_answer, sbt_offset) == 20, "the shaders' order");
 _Static_assert(offsetof(struct gn_ref_answer, barycentrics) == 32, "the shaders' order");
 _Static_assert(sizeof(struct gn_cts_candidates) == 4 + 40 * GN_CTS_MAX_CANDIDATES, "the shaders' stride");
-_Static_assert(GN_CTS_MAX_CANDIDATES == 24, "cts/shaders/answer.glsl has the number, too");
+_Static_assert(GN_CTS_MAX_CANDIDATES == 64, "cts/shaders/answer.glsl has the number, too");
 _Static_assert(sizeof(struct gn_cts_detail) == 152, "the shaders' stride");
 _Static_assert(GN_CTS_COMMITTED == 0 && GN_CTS_CANDIDATES == 1 && GN_CTS_DETAIL == 2 && GN_CTS_POSITIONS == 3,
                "cts/shaders/pipeline.glsl has the numbers, too");
@@ -43,7 +43,7 @@ struct program_traits {
 
 static const struct program_traits programs[GN_CTS_PROGRAM_COUNT] = {
     [GN_CTS_COMMITTED] = {committed_comp_spv, sizeof committed_comp_spv, 1u << 18, 0},
-    [GN_CTS_CANDIDATES] = {candidates_comp_spv, sizeof candidates_comp_spv, 1u << 15, sizeof(struct gn_cts_candidates)},
+    [GN_CTS_CANDIDATES] = {candidates_comp_spv, sizeof candidates_comp_spv, 1u << 14, sizeof(struct gn_cts_candidates)},
     [GN_CTS_DETAIL] = {detail_comp_spv, sizeof detail_comp_spv, 1u << 16, sizeof(struct gn_cts_detail)},
     [GN_CTS_POSITIONS] = {positions_comp_spv, sizeof positions_comp_spv, 1u << 18, sizeof(float[9])},
 };

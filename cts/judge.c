@@ -322,7 +322,7 @@ static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const
         return;
     }
     double hit_error = verdict.hit_error;
-    if (program == GN_CTS_CANDIDATES) {
+    if (program == GN_CTS_CANDIDATES && !fault) {
         const struct gn_cts_candidates *candidates = &answers->candidates[i];
         struct gn_ref_verdict listed;
         if (candidates->count > GN_CTS_MAX_CANDIDATES) {

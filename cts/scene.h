@@ -145,7 +145,7 @@ struct gn_cts_ray {
     struct gn_ref_policy policy;
 };
 
-#define GN_CTS_MAX_CANDIDATES 24
+#define GN_CTS_MAX_CANDIDATES 64
 
 struct gn_cts_candidates {
     uint32_t count; /* presented; may exceed what is listed */

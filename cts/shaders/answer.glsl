@@ -10,7 +10,7 @@
 const uint NOTHING = 0, TRIANGLE = 1, GENERATED = 2, UNFINISHED = 3, UNTOUCHED = 4, CONTRADICTED = 5, ATTRIBUTE = 6,
            HIT_KIND = 7, MISS_RECORD = 8, RAYGEN_RECORD = 9, RETURNED = 10, LAUNCH = 11;
 
-const uint MAX_CANDIDATES = 24;
+const uint MAX_CANDIDATES = 64;
 
 struct Ray {
     float origin_x, origin_y, origin_z, tmin;
