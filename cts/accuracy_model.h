@@ -64,4 +64,10 @@ struct gn_model_mesh {
  */
 bool gn_model_check(const char *path, const char *data, size_t length, char *out_error, size_t error_size);
 
+/*
+ * The library's own message with a place, where it tells none: the line of the text that it quotes, or else the whole
+ * file, by its size.
+ */
+void gn_model_locate(const char *message, const char *data, size_t length, char *out, size_t size);
+
 #endif

@@ -70,11 +70,19 @@ static bool check_obj(struct text text)
 {
     char line[4096];
     struct text start = text;
-    uint64_t total = 0, before = 0;
+    uint64_t total = 0, before = 0, normals = 0, coordinates = 0;
     while (next_line(&text, line, sizeof line)) {
         if (strncmp(line, "v ", 2) == 0 || strncmp(line, "v\t", 2) == 0) {
             total++;
             if (!check_numbers(&text, line + 1, 3, "vertex"))
+                return false;
+        } else if (strncmp(line, "vn ", 3) == 0) {
+            normals++;
+            if (!check_numbers(&text, line + 2, 3, "normal"))
+                return false;
+        } else if (strncmp(line, "vt ", 3) == 0) {
+            coordinates++;
+            if (!check_numbers(&text, line + 2, 1, "texture coordinate"))
                 return false;
         }
     }
@@ -97,6 +105,14 @@ static bool check_obj(struct text text)
                 (index < 0 && (uint64_t)-index > before))
                 return wrong(&text, "the face names vertex %lld, but the file has %llu", index,
                              (unsigned long long)total);
+            for (int part = 0; part < 2 && *end == '/'; part++) {
+                const uint64_t most = part ? normals : coordinates;
+                char *from = end + 1;
+                long long other = strtoll(from, &end, 10);
+                if (end != from && (other == 0 || (uint64_t)llabs(other) > most))
+                    return wrong(&text, "the face names %s %lld, but the file has %llu",
+                                 part ? "normal" : "texture coordinate", other, (unsigned long long)most);
+            }
             corners++;
             at = end + strcspn(end, " \t");
         }
@@ -120,9 +136,70 @@ static unsigned type_bytes(const char *name)
     return 0;
 }
 
+/* The elements that a PLY header declares, as far as text has to be looked at for them. */
+struct ply_element {
+    uint64_t count;
+    uint32_t plain, lists; /* properties; a list among others, wherever it stands, has its own length */
+};
+
+/* The next word of the text; counts lines. NULL at the end. */
+static const char *next_word(struct text *text, size_t *out_length)
+{
+    while (text->at < text->end && isspace((unsigned char)*text->at))
+        text->line += *text->at++ == '\n';
+    const char *from = text->at;
+    while (text->at < text->end && !isspace((unsigned char)*text->at))
+        text->at++;
+    *out_length = (size_t)(text->at - from);
+    return *out_length ? from : NULL;
+}
+
+static bool next_number(struct text *text, double *out)
+{
+    char word[64], *end;
+    size_t length;
+    const char *from = next_word(text, &length);
+    if (!from)
+        return wrong(text, "expected a number, found the end of the file");
+    snprintf(word, sizeof word, "%.*s", (int)(length < sizeof word ? length : sizeof word - 1), from);
+    *out = strtod(word, &end);
+    if (end == word || *end || length >= sizeof word)
+        return wrong(text, "expected a number, found '%.40s'", word);
+    return true;
+}
+
+/* The body of a text: a number for each property, and for each entry of a list. */
+static bool check_ply_body(struct text *text, const struct ply_element *elements, uint32_t count)
+{
+    double value;
+    text->line++;
+    for (uint32_t e = 0; e < count; e++)
+        for (uint64_t i = 0; i < elements[e].count; i++) {
+            for (uint32_t k = 0; k < elements[e].plain; k++)
+                if (!next_number(text, &value))
+                    return false;
+            for (uint32_t k = 0; k < elements[e].lists; k++) {
+                if (!next_number(text, &value))
+                    return false;
+                if (!(value >= 0 && value <= 1e9))
+                    return wrong(text, "expected the length of a list, found %g", value);
+                for (uint64_t n = (uint64_t)value; n > 0; n--) {
+                    double entry;
+                    if (!next_number(text, &entry))
+                        return false;
+                }
+            }
+        }
+    return true;
+}
+
 /* Whether what the header promises can be in what follows it. */
 static bool check_ply(struct text text)
 {
+    enum { MOST_ELEMENTS = 16 };
+    struct ply_element elements[MOST_ELEMENTS] = {0};
+    uint32_t element_count = 0;
+    bool faces = false, simple = true; /* simple: what check_ply_body() can follow */
     char line[512], word[3][64];
     uint64_t needed = 0, count = 0, row = 0, count_line = 0;
     bool ascii = false, format = false, any = false;
@@ -160,9 +237,16 @@ static bool check_ply(struct text text)
             count = words == 3 && isdigit((unsigned char)word[2][0]) ? strtoull(word[2], &stop, 10) : 0;
             if (words != 3 || stop == word[2] || *stop)
                 return wrong(&text, "expected 'element NAME COUNT', found '%.60s'", line);
+            if (strcmp(word[1], "face") == 0)
+                faces = true;
+            if (strcmp(word[1], "vertex") == 0 && faces)
+                return wrong(&text, "expected the vertices to be declared before the faces");
             any = true;
             row = 0;
             count_line = text.line;
+            if (element_count < MOST_ELEMENTS)
+                elements[element_count].count = count;
+            element_count++;
         } else if (words > 0 && strcmp(word[0], "property") == 0) {
             bool list = words > 1 && strcmp(word[1], "list") == 0;
             unsigned bytes = words == 3 ? type_bytes(list ? word[2] : word[1]) : 0;
@@ -171,13 +255,19 @@ static bool check_ply(struct text text)
                              line);
             /* As text: a digit and what parts it from the next. */
             row += ascii ? 2 : bytes;
+            if (element_count <= MOST_ELEMENTS) {
+                struct ply_element *last = &elements[element_count - 1];
+                simple = simple && (list || !last->lists);
+                last->lists += list;
+                last->plain += !list;
+            }
         } else if (words > 0 && strcmp(word[0], "comment") != 0 && strcmp(word[0], "obj_info") != 0) {
             return wrong(&text, "expected a line of a PLY header, found '%.60s'", line);
         }
     }
     if (!format)
         return wrong(&text, "the header names no format");
-    return true;
+    return !ascii || !simple || element_count > MOST_ELEMENTS || check_ply_body(&text, elements, element_count);
 }
 
 static bool check_json(struct text text, const char *data, size_t length, size_t offset)
@@ -232,13 +322,38 @@ static bool check_glb(struct text text, const char *data, size_t length)
     return check_json(text, data + 20, word_at(data + 12), 20);
 }
 
+/* Facets of three vertices each, in lines. */
+static bool check_stl_text(struct text *text)
+{
+    char line[512];
+    unsigned vertices = 0;
+    while (next_line(text, line, sizeof line)) {
+        const char *at = line + strspn(line, " \t");
+        if (strncasecmp(at, "vertex", 6) == 0) {
+            vertices++;
+            if (!check_numbers(text, at + 6, 3, "vertex"))
+                return false;
+        } else if (strncasecmp(at, "facet normal", 12) == 0) {
+            if (!check_numbers(text, at + 12, 3, "normal"))
+                return false;
+        } else if (strncasecmp(at, "endfacet", 8) == 0) {
+            if (vertices != 3)
+                return wrong(text, "expected 3 vertices in the facet, found %u", vertices);
+            vertices = 0;
+        }
+    }
+    if (vertices)
+        return wrong(text, "expected 'endfacet', found the end of the file");
+    return true;
+}
+
 /* Text begins with "solid"; binary files may, too, but then their size is right. */
 static bool check_stl(struct text text, const char *data, size_t length)
 {
     if (length >= 84 && length == 84 + 50 * (uint64_t)word_at(data + 80))
         return true;
     if (length >= 5 && strncasecmp(data, "solid", 5) == 0)
-        return true;
+        return check_stl_text(&text);
     if (length < 84)
         snprintf(text.out_error, text.error_size,
                  "byte 0: expected 'solid' or a header of 84 bytes, found %zu bytes", length);
@@ -246,6 +361,20 @@ static bool check_stl(struct text text, const char *data, size_t length)
         snprintf(text.out_error, text.error_size, "byte 80: %lu triangles of 50 bytes, but %zu bytes follow",
                  (unsigned long)word_at(data + 80), length - 84);
     return false;
+}
+
+void gn_model_locate(const char *message, const char *data, size_t length, char *out, size_t size)
+{
+    const char *quote = strchr(message, '"');
+    size_t quoted = quote ? strcspn(quote + 1, "\"\r\n") : 0;
+    const char *found = quoted >= 3 ? memmem(data, length, quote + 1, quoted) : NULL;
+    unsigned long long line = 1;
+    for (const char *at = data; found && at < found; at++)
+        line += *at == '\n';
+    if (found)
+        snprintf(out, size, "line %llu (byte %zu): %.800s", line, (size_t)(found - data), message);
+    else
+        snprintf(out, size, "in its %zu bytes: %.800s", length, message);
 }
 
 bool gn_model_check(const char *path, const char *data, size_t length, char *out_error, size_t error_size)

@@ -21,6 +21,8 @@
 
 struct child {
     int fd;
+    const char *data; /* the file's */
+    size_t length;
     char *stage;
     size_t stage_size;
     const struct aiScene *scene;
@@ -57,6 +59,13 @@ __attribute__((format(printf, 2, 3))) _Noreturn static void fail(const struct ch
     _exit(2);
 }
 
+_Noreturn static void fail_located(const struct child *child, const char *message)
+{
+    char text[1000];
+    gn_model_locate(message, child->data, child->length, text, sizeof text);
+    fail(child, "%s", text);
+}
+
 __attribute__((format(printf, 2, 3))) static void at(const struct child *child, const char *format, ...)
 {
     va_list arguments;
@@ -65,7 +74,7 @@ __attribute__((format(printf, 2, 3))) static void at(const struct child *child, 
     va_end(arguments);
 }
 
-static void check_text(const struct child *child, const char *path)
+static void check_text(struct child *child, const char *path)
 {
     char error[512];
     struct stat info;
@@ -77,7 +86,8 @@ static void check_text(const struct child *child, const char *path)
         fail(child, "%s", strerror(errno));
     if (!gn_model_check(path, data, (size_t)info.st_size, error, sizeof error))
         fail(child, "%s", error);
-    munmap(data, (size_t)info.st_size);
+    child->data = data;
+    child->length = (size_t)info.st_size;
     close(fd);
 }
 
@@ -247,9 +257,9 @@ _Noreturn void gn_model_child(const char *path, int fd, char *stage, size_t stag
     at(&child, "the library was reading it");
     child.scene = library.import(path, 0);
     if (!child.scene)
-        fail(&child, "%.900s", library.error());
+        fail_located(&child, library.error());
     if (!child.scene->mRootNode || !child.scene->mNumMeshes || !child.scene->mMeshes)
-        fail(&child, "it has no mesh");
+        fail_located(&child, "it has no mesh");
     at(&child, "checking %u meshes", child.scene->mNumMeshes);
     for (uint32_t i = 0; i < child.scene->mNumMeshes; i++)
         check_mesh(&child, i);
