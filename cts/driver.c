@@ -64,6 +64,8 @@ static const char *find_lavapipe(struct gn_arena *arena, char *out_error, size_t
 
 const char *gn_driver_resolve(const char *name, struct gn_arena *arena, char *out_error, size_t error_size)
 {
+    if (!name && getenv("GNOMON_ANY_DRIVER"))
+        return "";
     if (!name) {
         const char *files = getenv("VK_DRIVER_FILES"), *old = getenv("VK_ICD_FILENAMES");
         return (files && *files) || (old && *old) ? "" : find_lavapipe(arena, out_error, error_size);

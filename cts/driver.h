@@ -14,7 +14,7 @@
 /*
  * The ICD file of --driver: a path, or a name. NULL with a message when there is no such file, it is no
  * ICD file, or the name is unknown. Without a name: lavapipe, unless the environment (VK_DRIVER_FILES,
- * VK_ICD_FILENAMES) chooses, which gives "".
+ * VK_ICD_FILENAMES) or, where GNOMON_ANY_DRIVER is set as in a bundle, the loader chooses, which gives "".
  */
 const char *gn_driver_resolve(const char *name, struct gn_arena *arena, char *out_error, size_t error_size);
 
