@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Geometries of BLAS builds, read when the GPU reads them: indices, the vertices that they can stand for, transforms and boxes of one
  * geometry lie one after the other in a piece of staging memory. */
-#include "layer/layer.h"
+#include "layer/sbt.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -41,6 +41,7 @@ void gn_captures_free(struct gn_device *device, struct gn_capture *capture)
         next = capture->next;
         gn_staging_give(device, capture);
         free(capture->contents);
+        gn_sbt_capture_free(capture->sbt);
         free(capture);
     }
 }

@@ -1,5 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Devices: which of them the layer watches, and their end. */
+#include "layer/sbt.h"
 #include "layer/shader.h"
 #include "layer/sync.h"
 
@@ -111,9 +112,11 @@ static void load_next(struct gn_device *device, PFN_vkGetDeviceProcAddr lookup)
 }
 
 /* Limits stay 0 where they cannot be asked, and nothing is held against them. */
-static void read_limits(struct gn_device *device)
+static void read_limits(struct gn_device *device, bool has_rays)
 {
+    device->ray_limits.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_PROPERTIES_KHR;
     device->limits.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR;
+    device->limits.pNext = has_rays ? &device->ray_limits : NULL;
     VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &device->limits};
     if (device->instance->next.GetPhysicalDeviceProperties2)
         device->instance->next.GetPhysicalDeviceProperties2(device->physical, &properties);
@@ -175,7 +178,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDevice(VkPhysicalDevice physical, 
         }
         note_families(device, info);
         instance->next.GetPhysicalDeviceMemoryProperties(physical, &device->memory);
-        read_limits(device);
+        read_limits(device, has_extension(info, VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME));
         if (wishes && !gn_shaders_init(device, &wish))
             gn_tally_unjudged(device, GN_UNJUDGED_out_of_host_memory, 1);
     }
@@ -206,6 +209,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyDevice(VkDevice handle, const VkAlloc
         gn_semaphores_finish(device);
         gn_render_passes_finish(device);
         gn_as_finish(device);
+        gn_rays_finish(device);
         gn_buffers_finish(device);
         gn_unlock(device);
     }

@@ -2,7 +2,7 @@
 /* From instance records to values: every reference is looked up among the structures that lived when the build ran, and the
  * rules see the result. */
 #include "checks/rules/survey.h"
-#include "layer/layer.h"
+#include "layer/sbt.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -173,10 +173,17 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
                                         commands ? commands->name : NULL};
     struct gn_object queue_object = {GN_OBJECT_QUEUE, queue ? (uint64_t)(uintptr_t)queue->handle : 0,
                                      queue ? queue->name : NULL};
-    snprintf(place, sizeof place, "vkCmdBuildAccelerationStructuresKHR, pInfos[%u], of %s in queue submission %llu (%s)",
-             capture->info, gn_object_describe(&commands_object, commands_text, sizeof commands_text),
+    char build[64] = "";
+    if (!capture->sbt)
+        snprintf(build, sizeof build, "vkCmdBuildAccelerationStructuresKHR, pInfos[%u],", capture->info);
+    snprintf(place, sizeof place, "%s of %s in queue submission %llu (%s)", capture->sbt ? capture->sbt->command : build,
+             gn_object_describe(&commands_object, commands_text, sizeof commands_text),
              (unsigned long long)judgement->submission,
              gn_object_describe(&queue_object, queue_text, sizeof queue_text));
+    if (capture->sbt) {
+        gn_sbt_judge(device, capture, place, out);
+        return;
+    }
     if (capture->contents) {
         struct gn_geometry_contents contents = *capture->contents;
         contents.place = place;

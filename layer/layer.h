@@ -241,6 +241,7 @@ struct gn_staging_block;
 
 /* What one recorded command reads from memory, as the GPU copies it: the instance records of a TLAS build, or a geometry of a BLAS
  * build. */
+struct gn_sbt_capture;
 struct gn_capture {
     struct gn_staging_block *block;
     VkDeviceSize offset;
@@ -251,7 +252,8 @@ struct gn_capture {
     uint32_t record_count;
     bool partial; /* the build reads more than these */
     uint32_t info, geometry; /* pInfos[info].pGeometries[geometry] */
-    struct gn_geometry_contents *contents; /* of a geometry; NULL: instance records */
+    struct gn_geometry_contents *contents; /* of a geometry; else NULL */
+    struct gn_sbt_capture *sbt;            /* of a trace; NULL in both: instance records */
     struct gn_judgement *pending;
     struct gn_capture *next;               /* of the same event */
 };
@@ -281,6 +283,7 @@ enum gn_event_kind {
     GN_EVENT_BARRIER,
     GN_EVENT_ACCESS,          /* another access to memory that builds and traces read */
     GN_EVENT_USE,             /* a trace, dispatch or draw that may read TLASes */
+    GN_EVENT_TRACE,           /* a trace with its shader binding table */
     GN_EVENT_EXECUTE
 };
 
@@ -348,6 +351,7 @@ struct gn_command_buffer {
     bool simultaneous;
     VkRenderPass render_pass; /* begun last */
     struct gn_recording *recording; /* NULL until something is recorded */
+    struct gn_rays *rays;           /* the ray-tracing pipeline that is bound; NULL: not known */
     struct gn_bound *bound; /* NULL until something that holds TLASes, or traces through them, is bound */
     char *name;
 };
@@ -433,6 +437,7 @@ struct gn_device {
     uint32_t family_count;
     atomic_uint pending;     /* submissions that wait to be judged */
     atomic_bool traces;      /* some pipeline traces through a descriptor that is followed */
+    atomic_bool ray_pipelines; /* there have been some */
     atomic_bool incomplete;  /* the layer ran out of memory: it may have missed a build, and accuses nobody any more */
 
     pthread_mutex_t lock;    /* of everything below */
@@ -450,6 +455,12 @@ struct gn_device {
     struct gn_ranges touches; /* accesses that may be under way (sync.c) */
     uint32_t touch_count, swept;
     struct gn_dependencies dependencies[GN_MAX_CLOCKS]; /* by queue */
+    VkPhysicalDeviceRayTracingPipelinePropertiesKHR ray_limits; /* all 0 without such pipelines */
+    struct gn_map rays;           /* struct gn_rays by VkPipeline */
+    struct gn_rays *first_rays;   /* the same, as a list */
+    struct gn_rays *former_rays[32]; /* those destroyed last, so that a finding can name them; a ring */
+    uint32_t former_ray_count;
+    uint64_t ray_ids;
     struct gn_queue *first_queue;
     uint32_t queue_count;
     struct gn_as *destroyed; /* still in `addresses` because a judgement may need them */
@@ -538,6 +549,11 @@ void gn_geometry_capture(struct gn_device *device, const struct gn_command_buffe
                          const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_capture **out, struct gn_copies *copies);
 /* Of one event: gives the staging memory back and frees the list. */
 void gn_captures_free(struct gn_device *device, struct gn_capture *capture);
+/* record.c, without the lock: records the copies before a command that reads the same memory in the stage `reader`. */
+void gn_copies_record(struct gn_device *device, VkCommandBuffer handle, const struct gn_copies *copies, VkPipelineStageFlags reader,
+                      bool simultaneous);
+/* rays.c: of the bytes of a shader group handle. */
+uint64_t gn_handle_hash(const unsigned char *handle, uint32_t size);
 /* How the vertices of a format lie in memory: bytes of a component (0: the format is not known), how many count as coordinates, bytes of
  * the whole, and whether components are floating-point numbers. */
 struct gn_vertex_layout {
@@ -689,6 +705,8 @@ void gn_report_found(struct gn_instance *instance, const struct gn_finding *find
                      struct gn_findings *out);
 /* Runs the rules, collecting what is new and counting what is known. */
 void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *build, struct gn_findings *out);
+void gn_report_sbt(struct gn_instance *instance, const struct gn_sbt *sbt, struct gn_findings *out);
+void gn_report_demand(struct gn_instance *instance, const struct gn_demand *demand, struct gn_findings *out);
 void gn_report_geometry(struct gn_instance *instance, const struct gn_geometry_contents *contents, struct gn_findings *out);
 /* Gives the findings to every sink and empties the list. Without any lock. */
 void gn_report_flush(struct gn_instance *instance, struct gn_findings *findings);

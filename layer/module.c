@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What shaders trace rays through: a look over SPIR-V for the descriptors that OpTraceRay and OpRayQueryInitialize read, and whether
  * they do so whatever happens. What is not recognised is not used, as far as this file can tell. */
-#include "layer/use.h"
+#include "layer/sbt.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -333,6 +333,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBindPipeline(VkCommandBuffer handle, VkPi
         }
         gn_unlock(device);
     }
+    gn_rays_bound(device, handle, point, pipeline);
     device->next.CmdBindPipeline(handle, point, pipeline);
 }
 

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The ways of a shader to the driver: modules, modules inside of a pipeline's stages, libraries, and shader objects. What is made of
  * shaders that the layer looks at is remembered, with its names, for findings and for the closing statement. */
+#include "layer/sbt.h"
 #include "layer/shader.h"
-#include "layer/use.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -313,8 +313,10 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice ha
     }
     VkResult result =
         device->next.CreateRayTracingPipelinesKHR(handle, deferred, cache, count, any ? copies : infos, allocator, out);
-    if (result >= 0 && result != VK_OPERATION_DEFERRED_KHR)
+    if (result >= 0 && result != VK_OPERATION_DEFERRED_KHR) {
         gn_uses_rays_created(device, count, infos, out);
+        gn_rays_created(device, count, infos, out);
+    }
     if (plans && copies)
         plans_done(device, plans, count, result, out);
     change_finish(&change, result == VK_OPERATION_DEFERRED_KHR);
@@ -326,6 +328,8 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyPipeline(VkDevice handle, VkPipeline 
     struct gn_device *device = gn_device_of(handle);
     if (pipeline)
         gn_uses_pipeline_destroyed(device, pipeline);
+    if (pipeline)
+        gn_rays_destroyed(device, pipeline);
     if (pipeline && device->shaders) {
         gn_shaders_read(device, false, false);
         gn_lock(device);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Recording: command pools and buffers, and the commands on acceleration structures as events. A TLAS build is preceded by a copy
  * of the instance records that it is about to read. */
+#include "layer/sbt.h"
 #include "layer/sync.h"
 
 #include <stdlib.h>
@@ -106,6 +107,8 @@ static void forget_recording(struct gn_device *device, struct gn_command_buffer 
 {
     gn_recording_release(device, commands->recording);
     commands->recording = NULL;
+    gn_rays_release(commands->rays);
+    commands->rays = NULL;
     gn_bound_free(commands->bound);
     commands->bound = NULL;
 }
@@ -401,12 +404,12 @@ static enum gn_unjudged prepare_capture(struct gn_device *device, const struct g
     return GN_UNJUDGED_COUNT;
 }
 
-/* The copies, ordered by the application's own barriers: whatever made the records visible to the build makes them visible to a
- * transfer that is chained to the build stage, and whatever the application orders after the build comes after the copies,
+/* The copies, ordered by the application's own barriers: whatever made the memory visible to the reader makes it visible to a
+ * transfer that is chained to the reader's stage, and whatever the application orders after the reader comes after the copies,
  * for they come before it. A missing barrier of the application stays missing. */
-static void record_copies(struct gn_device *device, VkCommandBuffer handle, const struct gn_copies *copies, bool simultaneous)
+void gn_copies_record(struct gn_device *device, VkCommandBuffer handle, const struct gn_copies *copies, VkPipelineStageFlags reader,
+                      bool simultaneous)
 {
-    const VkPipelineStageFlags build = VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR;
     const VkPipelineStageFlags transfer = VK_PIPELINE_STAGE_TRANSFER_BIT;
     /* Another execution of the same commands may still be writing the same copy. */
     VkMemoryBarrier before = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
@@ -416,12 +419,10 @@ static void record_copies(struct gn_device *device, VkCommandBuffer handle, cons
     VkMemoryBarrier after = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
                              .srcAccessMask = VK_ACCESS_TRANSFER_WRITE_BIT,
                              .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
-    device->next.CmdPipelineBarrier(handle, build | (simultaneous ? transfer : 0), transfer, 0, 1, &before, 0, NULL, 0,
-                                    NULL);
+    device->next.CmdPipelineBarrier(handle, reader | (simultaneous ? transfer : 0), transfer, 0, 1, &before, 0, NULL, 0, NULL);
     for (uint32_t i = 0; i < copies->count; i++)
         device->next.CmdCopyBuffer(handle, copies->list[i].from, copies->list[i].to, 1, &copies->list[i].region);
-    device->next.CmdPipelineBarrier(handle, transfer, VK_PIPELINE_STAGE_HOST_BIT | build, 0, 1, &after, 0, NULL, 0,
-                                    NULL);
+    device->next.CmdPipelineBarrier(handle, transfer, VK_PIPELINE_STAGE_HOST_BIT | reader, 0, 1, &after, 0, NULL, 0, NULL);
 }
 
 VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
@@ -475,7 +476,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
     gn_unlock(device);
 
     if (copies.count)
-        record_copies(device, handle, &copies, simultaneous);
+        gn_copies_record(device, handle, &copies, VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR, simultaneous);
     gn_copies_finish(&copies);
     if (faults != few_faults)
         free(faults);

@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Replay: what a submission does to structures, event by event, in the order of execution; and what the rules are asked on the way. */
 #include "layer/replay.h"
-#include "layer/use.h"
+#include "layer/sbt.h"
+#include "layer/shader.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -99,9 +100,10 @@ static void expect_judgement(struct gn_replay *replay, struct gn_recording *reco
                                        .queue = replay->queue->id,
                                        .position = position,
                                        .submission = replay->number,
-                                       .version = event->target->writes,
+                                       .version = event->target ? event->target->writes : 0,
                                        .host = replay->host};
-    event->target->judging++;
+    if (event->target)
+        event->target->judging++;
     capture->pending = judgement;
     atomic_fetch_add(&device->instance->open_judgements, 1);
     *replay->submission->last = judgement;
@@ -183,7 +185,10 @@ const char *gn_event_command(const struct gn_event *event)
         [GN_EVENT_SERIALIZE] = "vkCmdCopyAccelerationStructureToMemoryKHR",
         [GN_EVENT_QUERY_COMPACTED] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
         [GN_EVENT_QUERY] = "vkCmdWriteAccelerationStructuresPropertiesKHR",
+        [GN_EVENT_TRACE] = "vkCmdTraceRaysKHR",
     };
+    if (event->kind == GN_EVENT_TRACE && event->capture)
+        return event->capture->sbt->command;
     return event->use ? event->use->command : event->accesses ? event->accesses->command : names[event->kind];
 }
 
@@ -292,7 +297,10 @@ static void suspect_faults(struct gn_replay *replay, const struct gn_event *even
             fault->of.clash.first_target.name = fault->structures[0]->name;
             fault->of.clash.second_target.name = fault->structures[1]->name;
         } else if (fault->kind == GN_FAULT_DEMAND) {
-            fault->of.demand.target.name = fault->structures[0] ? fault->structures[0]->name : NULL;
+            char **pipeline = fault->structures[0] || !replay->device->shaders
+                                  ? NULL
+                                  : gn_pipeline_name(replay->device, VK_OBJECT_TYPE_PIPELINE, fault->of.demand.target.handle);
+            fault->of.demand.target.name = fault->structures[0] ? fault->structures[0]->name : pipeline ? *pipeline : NULL;
         } else {
             fault->of.input.target.name = fault->structures[0]->name;
         }
@@ -423,6 +431,12 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
         suspect_faults(replay, event, position);
         if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)
             gn_query_asked(event->pool, event->query, event->source);
+        if (event->kind == GN_EVENT_TRACE && event->capture) {
+            if (event->capture->pending)
+                settle_early(device, recording, event->capture, replay->findings);
+            gn_sbt_executed(event->capture->sbt);
+            expect_judgement(replay, recording, i, event->capture, position);
+        }
         if (!event->target)
             continue;
         if (event->target->kind == GN_OBJECT_STRUCTURE)

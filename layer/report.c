@@ -121,6 +121,22 @@ void gn_report_judge(struct gn_instance *instance, const struct gn_tlas_build *b
     count_evaluated(instance, &report);
 }
 
+void gn_report_sbt(struct gn_instance *instance, const struct gn_sbt *sbt, struct gn_findings *out)
+{
+    struct collector collector = {instance, out};
+    struct gn_report report = report_into(&collector);
+    gn_rules_judge_sbt(sbt, &report);
+    count_evaluated(instance, &report);
+}
+
+void gn_report_demand(struct gn_instance *instance, const struct gn_demand *demand, struct gn_findings *out)
+{
+    struct collector collector = {instance, out};
+    struct gn_report report = report_into(&collector);
+    gn_rules_judge_demand(demand, &report);
+    count_evaluated(instance, &report);
+}
+
 void gn_report_geometry(struct gn_instance *instance, const struct gn_geometry_contents *contents, struct gn_findings *out)
 {
     struct collector collector = {instance, out};

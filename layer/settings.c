@@ -212,6 +212,9 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
     } else if (strcmp(key, "sbt_offset_bound") == 0) {
         if (!parse_count(value, &out->sbt_offset_bound))
             warn(out, "sbt_offset_bound: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "sbt_cap") == 0) {
+        if (!parse_count(value, &out->sbt_cap))
+            warn(out, "sbt_cap: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);
     } else if (strcmp(key, "custom_index_bound") == 0) {
         if (!parse_count(value, &out->custom_index_bound))
             warn(out, "custom_index_bound: expected a whole number from 0 to 4294967295, found \"%s\". The default is used.", value);

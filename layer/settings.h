@@ -31,7 +31,7 @@ struct gn_settings {
     uint32_t proceed_limit; /* 0: none */
     uint64_t shader_rules_off; /* a bit per rule about shaders */
     uint32_t instance_cap;
-    uint32_t input_cap;
+    uint32_t input_cap, sbt_cap;
     bool masks_declared;
     uint64_t declared_masks[4]; /* one bit per mask */
     uint32_t custom_index_bound, sbt_offset_bound; /* 0: not declared */

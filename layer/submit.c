@@ -68,7 +68,8 @@ static void judgement_free(struct gn_device *device, struct gn_judgement *judgem
     if (judgement->capture && judgement->capture->pending == judgement)
         judgement->capture->pending = NULL;
     gn_recording_release(device, judgement->recording);
-    judgement->tlas->judging--;
+    if (judgement->tlas)
+        judgement->tlas->judging--;
     gn_as_release(judgement->tlas);
     free(judgement);
 }

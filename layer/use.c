@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Traces, dispatches and draws: which TLASes they read through their descriptors is recorded, and judged where they are executed
  * against what the TLAS holds and what has become of that. */
+#include "layer/sbt.h"
 #include "layer/sync.h"
-#include "layer/use.h"
 
 #include <stdio.h>
 #include <stdlib.h>
@@ -37,25 +37,17 @@ static VkShaderStageFlags first_stages(unsigned point, const struct gn_static_us
                                        : 0;
 }
 
-/* `runs`: at least one invocation does, for all that the command itself says. */
-static void record(struct gn_device *device, VkCommandBuffer handle, unsigned point, const char *command, bool runs)
+struct gn_use *gn_use_make(struct gn_device *device, const struct gn_command_buffer *commands, unsigned point, const char *command,
+                           bool runs)
 {
-    gn_lock(device);
-    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
-    struct gn_bound *bound = commands ? commands->bound : NULL;
-    struct gn_static_uses *uses = bound ? bound->uses[point] : NULL;
-    struct gn_use *use = NULL;
+    const struct gn_bound *bound = commands->bound;
+    const struct gn_static_uses *uses = bound ? bound->uses[point] : NULL;
     if (!uses)
-        goto done;
-    const struct gn_event *last = commands->recording && commands->recording->count
-                                      ? &commands->recording->events[commands->recording->count - 1]
-                                      : NULL;
-    if (!bound->changed[point] && last && last->kind == GN_EVENT_USE)
-        goto done;
-    bound->changed[point] = false;
-    if (!(use = calloc(1, sizeof *use + uses->count * sizeof use->entries[0]))) {
+        return NULL;
+    struct gn_use *use = calloc(1, sizeof *use + uses->count * sizeof use->entries[0]);
+    if (!use) {
         gn_tally_lost(device);
-        goto done;
+        return NULL;
     }
     use->command = command;
     for (uint32_t i = 0; i < uses->count; i++) {
@@ -65,7 +57,7 @@ static void record(struct gn_device *device, VkCommandBuffer handle, unsigned po
         if (!set)
             continue;
         if (!find_slot(set, wanted, &slot)) {
-            gn_tally_unjudged(device, GN_UNJUDGED_descriptor_arrays, 1);
+            use->left_out++;
             continue;
         }
         set->references++;
@@ -75,6 +67,26 @@ static void record(struct gn_device *device, VkCommandBuffer handle, unsigned po
             .stages = wanted->stages,
             .certain = runs && wanted->always && (wanted->stages & first_stages(point, uses))};
     }
+    return use;
+}
+
+static void record(struct gn_device *device, VkCommandBuffer handle, unsigned point, const char *command, bool runs)
+{
+    gn_lock(device);
+    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
+    struct gn_bound *bound = commands ? commands->bound : NULL;
+    struct gn_use *use = NULL;
+    if (!bound || !bound->uses[point])
+        goto done;
+    const struct gn_event *last = commands->recording && commands->recording->count
+                                      ? &commands->recording->events[commands->recording->count - 1]
+                                      : NULL;
+    if (!bound->changed[point] && last && last->kind == GN_EVENT_USE)
+        goto done;
+    bound->changed[point] = false;
+    if (!(use = gn_use_make(device, commands, point, command, runs)))
+        goto done;
+    gn_tally_unjudged(device, GN_UNJUDGED_descriptor_arrays, use->left_out);
     struct gn_event event = {.kind = GN_EVENT_USE, .unjudged = GN_UNJUDGED_COUNT, .use = use};
     if (use->count)
         event.command = gn_command_buffer_next(commands);
@@ -130,7 +142,7 @@ static void record_table(struct gn_device *device, VkCommandBuffer handle, const
     struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
     const struct gn_recording *recording = commands ? commands->recording : NULL;
     uint32_t last = recording ? recording->count : 0;
-    while (last && recording->events[last - 1].kind == GN_EVENT_USE)
+    while (last && (recording->events[last - 1].kind == GN_EVENT_USE || recording->events[last - 1].kind == GN_EVENT_TRACE))
         last--;
     const struct gn_event *event = last ? &recording->events[last - 1] : NULL;
     bool same = event && event->kind == GN_EVENT_ACCESS && event->accesses->count == count;
@@ -152,7 +164,12 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysKHR(VkCommandBuffer handle, cons
     if (width && height && depth)
         record_table(device, handle, "vkCmdTraceRaysKHR",
                      (const VkStridedDeviceAddressRegionKHR *const[4]){raygen, miss, hit, callable});
-    watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysKHR", width && height && depth);
+    const VkStridedDeviceAddressRegionKHR *const parts[] = {raygen, miss, hit, callable};
+    uint64_t invocations;
+    if (__builtin_mul_overflow((uint64_t)width * height, depth, &invocations) || invocations == UINT64_MAX)
+        invocations = UINT64_MAX - 1;
+    watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysKHR", invocations);
+    gn_sbt_trace(device, handle, parts, "vkCmdTraceRaysKHR", invocations);
     device->next.CmdTraceRaysKHR(handle, raygen, miss, hit, callable, width, height, depth);
 }
 
@@ -164,7 +181,9 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysIndirectKHR(VkCommandBuffer hand
                                                             VkDeviceAddress address)
 {
     struct gn_device *device = gn_device_of(handle);
+    const VkStridedDeviceAddressRegionKHR *const parts[] = {raygen, miss, hit, callable};
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysIndirectKHR", false);
+    gn_sbt_trace(device, handle, parts, "vkCmdTraceRaysIndirectKHR", UINT64_MAX);
     device->next.CmdTraceRaysIndirectKHR(handle, raygen, miss, hit, callable, address);
 }
 
@@ -172,6 +191,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysIndirect2KHR(VkCommandBuffer han
 {
     struct gn_device *device = gn_device_of(handle);
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysIndirect2KHR", false);
+    gn_sbt_unread(device);
     device->next.CmdTraceRaysIndirect2KHR(handle, address);
 }
 

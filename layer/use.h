@@ -83,9 +83,13 @@ struct gn_use_entry {
 };
 struct gn_use {
     const char *command;
-    uint32_t count;
+    uint32_t count, left_out; /* left out: arrays */
     struct gn_use_entry entries[];
 };
 void gn_use_free(struct gn_use *use);
+/* Of a command that is about to be recorded, with the device locked. `runs`: at least one invocation does, for all that the command itself
+ * says. NULL if the shaders trace through nothing that is followed. */
+struct gn_use *gn_use_make(struct gn_device *device, const struct gn_command_buffer *commands, unsigned point, const char *command,
+                           bool runs);
 
 #endif

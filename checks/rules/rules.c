@@ -260,6 +260,18 @@ void gn_rules_judge_demand(const struct gn_demand *demand, struct gn_report *rep
     report->rule = NULL;
 }
 
+void gn_rules_judge_sbt(const struct gn_sbt *sbt, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_SBT, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.sbt(sbt, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
 void gn_rules_judge_geometry(const struct gn_geometry_contents *contents, struct gn_report *report)
 {
     struct gn_geometry_survey survey;

@@ -47,7 +47,8 @@ enum gn_rule_event {
     GN_RULE_ON_USE,
     GN_RULE_ON_HAZARD,
     GN_RULE_ON_DEMAND,
-    GN_RULE_ON_GEOMETRY
+    GN_RULE_ON_GEOMETRY,
+    GN_RULE_ON_SBT
 };
 
 #define GN_RULE_MAX_SOURCES 16
@@ -72,6 +73,7 @@ struct gn_rule {
         void (*hazard)(const struct gn_hazard *hazard, struct gn_report *report);
         void (*use)(const struct gn_trouble *use, struct gn_report *report);
         void (*demand)(const struct gn_demand *demand, struct gn_report *report);
+        void (*sbt)(const struct gn_sbt *sbt, struct gn_report *report);
         void (*geometry)(const struct gn_geometry_contents *contents, struct gn_report *report);
         void (*tlas_build)(const struct gn_tlas_build *build, struct gn_report *report);
     } test;
@@ -130,6 +132,7 @@ void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report
 void gn_rules_judge_hazard(const struct gn_hazard *hazard, struct gn_report *report);
 void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report);
 void gn_rules_judge_demand(const struct gn_demand *demand, struct gn_report *report);
+void gn_rules_judge_sbt(const struct gn_sbt *sbt, struct gn_report *report);
 void gn_rules_judge_geometry(const struct gn_geometry_contents *contents, struct gn_report *report);
 bool gn_rules_about_command(enum gn_command_kind kind, const struct gn_rule_set *enabled, enum gn_profile profile);
 

@@ -141,6 +141,12 @@ enum gn_demand_kind {
     GN_DEMAND_USAGE,     /* the buffer at the address `value` is to have the usage `needs` */
     GN_DEMAND_STORAGE,   /* the structure that is built has `value` bytes and needs `bound` */
     GN_DEMAND_SCRATCH,   /* from the scratch address, the buffer has `value` bytes and the build needs `bound` */
+    GN_DEMAND_SBT_ALIGNMENT, /* of a shader binding table; as above */
+    GN_DEMAND_SBT_LIMIT,
+    GN_DEMAND_SBT_USAGE,
+    GN_DEMAND_SBT_RANGE,     /* a region needs `bound` bytes and its buffer has `value` */
+    GN_DEMAND_SBT_RAYGEN,    /* the stride of the region of the ray-generation shader is `bound`, its size `value` */
+    GN_DEMAND_RECURSION,     /* a pipeline's maxPipelineRayRecursionDepth is `value`, the limit `bound` */
     GN_DEMAND_KIND_COUNT
 };
 
@@ -220,6 +226,43 @@ struct gn_hazard {
     const char *place, *first_place;
     struct gn_hazard_access first, second;
     uint64_t begin, end; /* addresses in common */
+};
+
+enum gn_sbt_part { GN_SBT_RAYGEN, GN_SBT_MISS, GN_SBT_HIT, GN_SBT_CALLABLE, GN_SBT_PARTS };
+
+/* What the handle of a record is, seen from the pipeline that is bound. */
+enum gn_sbt_handle {
+    GN_HANDLE_FITS,    /* of a group of the pipeline that belongs into this region */
+    GN_HANDLE_NULL,    /* all zero: there is no shader */
+    GN_HANDLE_UNFIT,   /* of a group of the pipeline that belongs into another region */
+    GN_HANDLE_FOREIGN, /* of another pipeline */
+    GN_HANDLE_UNKNOWN, /* of no pipeline that the layer has seen */
+    GN_HANDLE_KINDS
+};
+
+/* The records of one region, as they lay in memory when the trace ran. */
+struct gn_sbt_region {
+    uint64_t address, stride;
+    uint64_t records; /* in the region */
+    uint64_t read;    /* so many from the first on were looked at */
+    uint64_t count[GN_HANDLE_KINDS], first[GN_HANDLE_KINDS];
+    const char *unfit;        /* what the first group that does not fit is */
+    struct gn_object foreign; /* the pipeline of the first foreign handle; it may be gone */
+    bool foreign_gone;
+};
+
+/* The shader binding table of one trace. */
+struct gn_sbt {
+    const char *place;
+    struct gn_object pipeline;
+    uint64_t pipeline_id;
+    bool runs;          /* some invocation certainly does */
+    bool handles_known; /* all handles of the pipeline */
+    bool no_null_miss, no_null_hit; /* the pipeline's flags forbid null shaders there; hit: closest hit or intersection */
+    struct gn_sbt_region regions[GN_SBT_PARTS];
+    struct gn_object tlas; /* one that the pipeline traces through; kind is GN_OBJECT_NONE if none is known */
+    uint64_t tlas_id;
+    uint32_t highest_offset, highest_offset_at; /* of its instances */
 };
 
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */

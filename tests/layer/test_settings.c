@@ -364,7 +364,7 @@ static void bad_values_are_named(void **state)
         {PREFIX "INSTANCE_CAP", "12k", "instance_cap: expected a whole number"},
         {PREFIX "REPORT_STDERR", "maybe", "report_stderr: expected true or false, found \"maybe\""},
         {PREFIX "PROFILE", "vulkan,wgpu", "profile: expected one value, found 2"},
-        {PREFIX "LOG_FILE", "/nonexistent/log.jsonl", "log_file: cannot write \"/nonexistent/log.jsonl\""},
+        {PREFIX "LOG_FILE", "/dev/null/log.jsonl", "log_file: cannot write \"/dev/null/log.jsonl\""},
         {PREFIX "COLOUR", "blue", "\"" PREFIX "COLOUR\" in the environment is not a setting"},
     };
     (void)state;

@@ -65,6 +65,18 @@ static const struct demand_row demand_rows[] = {
     {"build.structure_too_small", "scratch", GN_DEMAND_SCRATCH, 0, NULL},
     {"build.scratch_too_small", "scratch", GN_DEMAND_SCRATCH, 1, "leaves 17 bytes to the end of its buffer, but a name for this build is 16"},
     {"build.scratch_too_small", "a size", GN_DEMAND_STORAGE, 0, NULL},
+    {"sbt.misaligned", "an alignment", GN_DEMAND_SBT_ALIGNMENT, 1, "a member is 0x11 (17), which is no multiple of a name (16)"},
+    {"sbt.misaligned", "of a build", GN_DEMAND_ALIGNMENT, 0, NULL},
+    {"sbt.limit", "a limit", GN_DEMAND_SBT_LIMIT, 1, "a member is 17, more than a name, which is 16"},
+    {"sbt.limit", "of a build", GN_DEMAND_LIMIT, 0, NULL},
+    {"sbt.buffer_usage", "a usage", GN_DEMAND_SBT_USAGE, 1, "a member, 0x11, lies in buffer 0x7, which was created without a name"},
+    {"sbt.buffer_usage", "of a build", GN_DEMAND_USAGE, 0, NULL},
+    {"sbt.beyond_buffer", "a range", GN_DEMAND_SBT_RANGE, 1, "a member is 16 bytes, but only 17 follow"},
+    {"sbt.beyond_buffer", "a limit", GN_DEMAND_SBT_LIMIT, 0, NULL},
+    {"sbt.raygen_size", "two records", GN_DEMAND_SBT_RAYGEN, 1, "a member is 17, but the stride is 16"},
+    {"sbt.raygen_size", "a range", GN_DEMAND_SBT_RANGE, 0, NULL},
+    {"pipeline.recursion_depth", "17 of 16", GN_DEMAND_RECURSION, 1, "was created with a member 17, but maxRayRecursionDepth is 16"},
+    {"pipeline.recursion_depth", "a limit", GN_DEMAND_SBT_LIMIT, 0, NULL},
 };
 #define DEMAND_COUNT (sizeof demand_rows / sizeof demand_rows[0])
 
@@ -194,6 +206,101 @@ static void subject_init(struct subject *subject)
                                                       .component_count = 3};
 }
 
+/* The table of a row: one record of each part that fits, and a TLAS whose offsets do. */
+struct sbt_row {
+    const char *rule;
+    const char *name;
+    unsigned expected;
+    const char *says;
+    void (*alter)(struct gn_sbt *sbt);
+};
+
+#define ALTER_SBT(name, ...)                                                                                           \
+    static void name(struct gn_sbt *sbt)                                                                               \
+    {                                                                                                                  \
+        struct gn_sbt_region *raygen = &sbt->regions[GN_SBT_RAYGEN], *hit = &sbt->regions[GN_SBT_HIT];                 \
+        (void)raygen, (void)hit;                                                                                       \
+        __VA_ARGS__;                                                                                                   \
+    }
+
+static void put(struct gn_sbt_region *region, enum gn_sbt_handle handle)
+{
+    region->count[GN_HANDLE_FITS]--;
+    region->count[handle]++;
+}
+
+static void two_records(struct gn_sbt_region *region)
+{
+    region->records = region->read = 2;
+    region->count[GN_HANDLE_FITS]++;
+}
+
+ALTER_SBT(table_right, (void)sbt)
+ALTER_SBT(raygen_zero, put(raygen, GN_HANDLE_NULL))
+ALTER_SBT(raygen_unfit, put(raygen, GN_HANDLE_UNFIT); raygen->unfit = "a miss shader")
+ALTER_SBT(raygen_foreign, put(raygen, GN_HANDLE_FOREIGN); raygen->foreign = (struct gn_object){GN_OBJECT_PIPELINE, 9, "old"};
+          raygen->foreign_gone = true)
+ALTER_SBT(raygen_unknown, put(raygen, GN_HANDLE_UNKNOWN))
+ALTER_SBT(raygen_unknown_of_none, raygen_unknown(sbt); sbt->runs = false)
+ALTER_SBT(raygen_unknown_to_us, raygen_unknown(sbt); sbt->handles_known = false)
+ALTER_SBT(raygen_not_read, *raygen = (struct gn_sbt_region){.records = 1})
+ALTER_SBT(hit_unfit, put(hit, GN_HANDLE_UNFIT); hit->unfit = "a miss shader")
+ALTER_SBT(hit_unknown, put(hit, GN_HANDLE_UNKNOWN))
+ALTER_SBT(hit_unknown_beside, two_records(hit); put(hit, GN_HANDLE_UNKNOWN))
+ALTER_SBT(hit_unknown_beside_null, two_records(hit); put(hit, GN_HANDLE_UNKNOWN); put(hit, GN_HANDLE_NULL))
+ALTER_SBT(hit_read_in_part, hit_unknown(sbt); hit->records = 2)
+ALTER_SBT(miss_null, put(&sbt->regions[GN_SBT_MISS], GN_HANDLE_NULL))
+ALTER_SBT(miss_null_excluded, miss_null(sbt); sbt->no_null_miss = true)
+ALTER_SBT(no_hit_region, *hit = (struct gn_sbt_region){0})
+ALTER_SBT(no_hit_region_excluded, no_hit_region(sbt); sbt->no_null_hit = true)
+ALTER_SBT(offset_at_end, sbt->highest_offset = 1)
+ALTER_SBT(offset_within, two_records(hit); sbt->highest_offset = 1)
+ALTER_SBT(offset_of_nothing, sbt->highest_offset = 1; sbt->tlas.kind = GN_OBJECT_NONE)
+ALTER_SBT(offset_at_stride_0, sbt->highest_offset = 1; hit->stride = 0)
+
+static const struct sbt_row sbt_rows[] = {
+    {"sbt.raygen_handle", "right", 0, NULL, table_right},
+    {"sbt.raygen_handle", "zero", 1, "pipeline \"rays\" (0x5) is bound, but the handle in the ray-generation record at 0x1000 is all zero", raygen_zero},
+    {"sbt.raygen_handle", "unfit", 1, "belongs to a group of a miss shader", raygen_unfit},
+    {"sbt.raygen_handle", "foreign", 1, "belongs to pipeline \"old\" (0x9), which was destroyed", raygen_foreign},
+    {"sbt.raygen_handle", "unknown", 1, "was given by no pipeline", raygen_unknown},
+    {"sbt.raygen_handle", "of a trace that may not run", 0, NULL, raygen_unknown_of_none},
+    {"sbt.raygen_handle", "of a pipeline whose handles are not known", 0, NULL, raygen_unknown_to_us},
+    {"sbt.raygen_handle", "not read", 0, NULL, raygen_not_read},
+    {"sbt.region_unusable", "right", 0, NULL, table_right},
+    {"sbt.region_unusable", "unfit", 1, "none of the 1 records of the hit region at 0x3000 (stride 64)", hit_unfit},
+    {"sbt.region_unusable", "unknown", 1, "that of record 0 was given by no pipeline", hit_unknown},
+    {"sbt.region_unusable", "beside one that fits", 0, NULL, hit_unknown_beside},
+    {"sbt.region_unusable", "beside one without a shader", 0, NULL, hit_unknown_beside_null},
+    {"sbt.region_unusable", "read in part", 0, NULL, hit_read_in_part},
+    {"sbt.null_group", "no flag", 0, NULL, miss_null},
+    {"sbt.null_group", "miss", 1, "NO_NULL_MISS_SHADERS, but the first miss record, at 0x2000, is all zero", miss_null_excluded},
+    {"sbt.null_group", "no region, no flag", 0, NULL, no_hit_region},
+    {"sbt.null_group", "no region", 1, "but there is no hit region", no_hit_region_excluded},
+    {"sbt.hit_beyond_table", "offset 0 of 1", 0, NULL, table_right},
+    {"sbt.hit_beyond_table", "offset 1 of 1", 1, "instance 3 of TLAS \"scene\" (0x6) has the shader-binding-table offset 1, but the hit region", offset_at_end},
+    {"sbt.hit_beyond_table", "offset 1 of 2", 0, NULL, offset_within},
+    {"sbt.hit_beyond_table", "no TLAS known", 0, NULL, offset_of_nothing},
+    {"sbt.hit_beyond_table", "a stride of 0", 0, NULL, offset_at_stride_0},
+};
+#define SBT_COUNT (sizeof sbt_rows / sizeof sbt_rows[0])
+
+static struct gn_sbt sbt_right(void)
+{
+    struct gn_sbt sbt = {.place = "a test",
+                         .pipeline = {GN_OBJECT_PIPELINE, 5, "rays"},
+                         .pipeline_id = 5,
+                         .runs = true,
+                         .handles_known = true,
+                         .tlas = {GN_OBJECT_TLAS, 6, "scene"},
+                         .tlas_id = 6,
+                         .highest_offset_at = 3};
+    for (int part = GN_SBT_RAYGEN; part <= GN_SBT_HIT; part++)
+        sbt.regions[part] = (struct gn_sbt_region){
+            .address = 0x1000u * (unsigned)(part + 1), .stride = 64, .records = 1, .read = 1, .count = {[GN_HANDLE_FITS] = 1}};
+    return sbt;
+}
+
 void contents_rows_run(void **state)
 {
     int failures = 0;
@@ -218,6 +325,15 @@ void contents_rows_run(void **state)
         gn_rules_judge_geometry(&subject.contents, &report);
         failures += expect(row->rule, row->name, row->expected, row->says, &heard);
     }
+    for (size_t i = 0; i < SBT_COUNT; i++) {
+        const struct sbt_row *row = &sbt_rows[i];
+        struct heard heard = {.findings = 0};
+        struct gn_report report = report_of(row->rule, &heard);
+        struct gn_sbt sbt = sbt_right();
+        row->alter(&sbt);
+        gn_rules_judge_sbt(&sbt, &report);
+        failures += expect(row->rule, row->name, row->expected, row->says, &heard);
+    }
     assert_int_equal(failures, 0);
 }
 
@@ -229,4 +345,7 @@ void contents_rows_count(const char *rule, int *firing, int *silent)
     for (size_t i = 0; i < GEOMETRY_COUNT; i++)
         if (strcmp(geometry_rows[i].rule, rule) == 0)
             geometry_rows[i].expected ? ++*firing : ++*silent;
+    for (size_t i = 0; i < SBT_COUNT; i++)
+        if (strcmp(sbt_rows[i].rule, rule) == 0)
+            sbt_rows[i].expected ? ++*firing : ++*silent;
 }
