@@ -197,6 +197,9 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
                 return;
             }
         warn(out, "shader_checks: expected off, static, on or unproved, found \"%s\". The default is used.", value);
+    } else if (strcmp(key, "shader_cache") == 0) {
+        free(out->shader_cache);
+        out->shader_cache = *value ? strdup(value) : NULL;
     } else if (strcmp(key, "safe_mode") == 0) {
         if (!parse_bool(value, &out->safe_mode))
             warn(out, "safe_mode: expected true or false, found \"%s\". The default is used.", value);
@@ -343,6 +346,7 @@ void gn_settings_finish(struct gn_settings *settings)
         free(settings->warnings[i]);
     free(settings->warnings);
     free(settings->log_file);
+    free(settings->shader_cache);
     free(settings->sarif_file);
     *settings = (struct gn_settings){0};
 }

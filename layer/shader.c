@@ -106,7 +106,15 @@ static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, con
         shader->passed_because = problem;
     options.static_only |= shader->passed_because != NULL;
     options.key = shader->key = key;
-    gn_spirv_instrument(words, count, &options, &shader->result);
+    const char *folder = device->shaders->stable ? device->instance->settings.shader_cache : NULL;
+    uint64_t entry = XXH3_64bits_withSeed(words, count * 4, device->shaders->seed ^ options.root ^ options.static_only);
+    if (folder && gn_shader_cache_load(folder, entry, &shader->result)) {
+        gn_tally_check(device, GN_CHECKED_shader_cache, 1);
+    } else {
+        gn_spirv_instrument(words, count, &options, &shader->result);
+        if (folder && shader->result.status <= GN_SPIRV_DECLINED)
+            gn_shader_cache_store(folder, entry, &shader->result);
+    }
     if (shader->result.check_count && !(shader->told = calloc(shader->result.check_count, sizeof *shader->told))) {
         shader_free(shader);
         return NULL;

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shaders that check themselves: what a device needs for them (shader_device.c), modules on their way to the driver (shader.c), the
- * pipelines made of them (pipeline.c), the memory they leave records in (shader_memory.c), and what is told of both (shader_report.c). */
+ * pipelines made of them (pipeline.c), the cache on disk (cache.c), the memory they leave records in (shader_memory.c), and what is told of both (shader_report.c). */
 #ifndef GN_LAYER_SHADER_H
 #define GN_LAYER_SHADER_H
 
@@ -87,6 +87,10 @@ bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish
 void gn_shaders_finish(struct gn_device *device);
 /* The shader of these words, instrumented if that is called for; NULL for one that the layer leaves alone. */
 struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes);
+
+/* cache.c: what was made of the words and options that `entry` stands for. A file that cannot be read or written is not there. */
+bool gn_shader_cache_load(const char *folder, uint64_t entry, struct gn_spirv_result *out);
+void gn_shader_cache_store(const char *folder, uint64_t entry, const struct gn_spirv_result *result);
 
 /* pipeline.c; with the device locked. */
 void gn_pipelines_finish(struct gn_device *device);

@@ -121,6 +121,11 @@ void gn_spirv_instrument(const uint32_t *words, size_t word_count, const struct 
                          struct gn_spirv_result *out);
 void gn_spirv_result_finish(struct gn_spirv_result *result);
 
+/* A result as bytes (malloc'ed; NULL without memory), and back: false for bytes that another version, or nobody, wrote. The bytes of a
+ * result of the same words, options and version can stand for it. */
+unsigned char *gn_spirv_result_write(const struct gn_spirv_result *result, size_t *out_size);
+bool gn_spirv_result_read(const unsigned char *data, size_t size, struct gn_spirv_result *out);
+
 /* Whether SPIRV-Tools finds a module valid under Vulkan 1.2 (vulkan_minor 2), 1.3 (3), or as SPIR-V alone (0); the reason if
  * not. */
 bool gn_spirv_validate(const uint32_t *words, size_t word_count, uint32_t vulkan_minor, char *out_message,

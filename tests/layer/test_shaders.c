@@ -271,6 +271,60 @@ static void safe_mode(void **state)
     assert_int_equal(failures, 0);
 }
 
+static uint64_t statement_count(const char *path, const char *what)
+{
+    uint64_t ignored, count = 0;
+    yyjson_doc *doc = log_read(path, AFTER_FALSE, &ignored);
+    yyjson_val *checked = yyjson_obj_get(yyjson_obj_get(yyjson_doc_get_root(doc), "statement"), "checked"), *entry;
+    size_t index, max;
+    yyjson_arr_foreach(checked, index, max, entry)
+    {
+        if (yyjson_equals_str(yyjson_obj_get(entry, "what"), what))
+            count = yyjson_get_uint(yyjson_obj_get(entry, "count"));
+    }
+    yyjson_doc_free(doc);
+    return count;
+}
+
+/* Spoils the only file of a folder, or removes it with the folder. */
+static void spoil(const char *folder, bool remove)
+{
+    char command[256];
+    snprintf(command, sizeof command, remove ? "rm -rf '%s'" : "printf x | dd of=\"$(ls -d '%s'/*)\" bs=1 seek=99 conv=notrunc 2>/dev/null",
+             folder);
+    assert_int_equal(system(command), 0);
+}
+
+/* The second run reads what the first has written, and tells the same; a spoiled file is made anew. */
+static void cache(void **state)
+{
+    static const uint64_t expected[] = {0, 1, 0, 1};
+    char folder[64] = "/tmp/gnomon-cache-XXXXXX", path[128];
+    (void)state;
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s.jsonl", folder);
+    const char *folders[] = {folder}, *paths[] = {path};
+    VkLayerSettingEXT settings[] = {{"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths},
+                                    {"VK_LAYER_GNOMON_ray_tracing", "shader_cache", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, folders}};
+    for (size_t run = 0; run < sizeof expected / sizeof expected[0]; run++) {
+        struct world world;
+        if (run == 2)
+            spoil(folder, false);
+        ask_world_init(&world, &(struct world_options){.settings = settings, .setting_count = 2});
+        struct scene scene = scene_create(&world, 1);
+        struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, 1);
+        asker_run(&world, &asker, 1);
+        const struct message *message = messages_find(&world, AFTER_FALSE);
+        assert_true(message && strstr(message->text, "asks.glsl:13") && strstr(message->text, "invocation (5, 0, 0)"));
+        asker_destroy(&world, &asker);
+        scene_destroy(&world, &scene);
+        world_finish(&world);
+        assert_int_equal(statement_count(path, "of them read from shader_cache"), expected[run]);
+        unlink(path);
+    }
+    spoil(folder, true);
+}
+
 static void proceed_limit(void **state)
 {
     static const struct {
@@ -309,6 +363,7 @@ int main(void)
         cmocka_unit_test(specialized_operands),
         cmocka_unit_test(levels),
         cmocka_unit_test(safe_mode),
+        cmocka_unit_test(cache),
         cmocka_unit_test(proceed_limit),
     };
     return cmocka_run_group_tests_name("layer.shaders", tests, NULL, NULL);
