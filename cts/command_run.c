@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* `gnomon run`. */
 #include <stdio.h>
+#include <string.h>
 
 #include "cts/commands.h"
 #include "cts/driver.h"
+#include "cts/fuzz.h"
 #include "cts/run_options.h"
 #include "cts/selftest.h"
 
@@ -63,6 +65,11 @@ int gn_command_run(int argc, char **argv)
         children,
         NULL,
         NULL};
+    if (argc > 1 && strcmp(argv[1], "fuzz") == 0) {
+        static char title[] = "gnomon run fuzz";
+        argv[1] = title;
+        return gn_command_fuzz(argc - 1, argv + 1);
+    }
     struct arguments arguments = {0};
     struct gn_run_options *options = &arguments.options;
     struct gn_run_plan plan = {0};

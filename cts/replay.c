@@ -11,6 +11,7 @@
 #include "cts/commands.h"
 #include "cts/driver.h"
 #include "cts/describe.h"
+#include "cts/fuzz.h"
 #include "cts/progress.h"
 #include "cts/select.h"
 
@@ -177,9 +178,24 @@ static int explain(const struct gn_replay *replay, const struct gn_selected *sel
     return fflush(stdout) == 0 ? exit_status : 3;
 }
 
-/* In a child, because the case may be one that crashes or hangs. */
-static int explain_apart(const struct gn_replay *replay, const struct gn_selected *selected, const char *icd,
-                         const struct arguments *arguments)
+/* A scene of its own rather than a case. */
+static int explain_scene(const struct gn_fuzz_file *scene, const char *icd)
+{
+    char message[2048];
+    const struct gn_device_options device_options = {icd[0] ? icd : NULL, -1};
+    struct gn_device *device = gn_device_create(&device_options, message, sizeof message);
+    if (!device) {
+        fprintf(stderr, "gnomon: nothing ran: %s\n", message);
+        return 4;
+    }
+    const int exit_status = gn_fuzz_explain(scene, device);
+    gn_device_destroy(device);
+    return exit_status;
+}
+
+/* In a child, because the case may be one that crashes or hangs. Of case and scene one is NULL. */
+static int explain_apart(const struct gn_replay *replay, const struct gn_selected *selected,
+                         const struct gn_fuzz_file *scene, const char *icd, const struct arguments *arguments)
 {
     int status = 0;
     fflush(stdout);
@@ -190,7 +206,8 @@ static int explain_apart(const struct gn_replay *replay, const struct gn_selecte
     }
     if (pid == 0) {
         alarm(arguments->timeout);
-        return explain(replay, selected, icd, arguments->whole_case, arguments->file);
+        return scene ? explain_scene(scene, icd)
+                     : explain(replay, selected, icd, arguments->whole_case, arguments->file);
     }
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
     }
@@ -212,7 +229,7 @@ int gn_command_replay(int argc, char **argv)
                                      "Runs one failing ray, or case, again and explains step by step what "
                                      "was asked, what the driver answered and "
                                      "why that is wrong.\vA run writes a FILE for each case that fails: "
-                                     "DIR/replay/NAME.json.\n\nExit status: 0 when "
+                                     "DIR/replay/NAME.json; `gnomon run fuzz` writes one for each kind of failure.\n\nExit status: 0 when "
                                      "it does not fail any more, 1 when it does, 2 wrong usage or bad input, "
                                      "3 the harness itself failed, 4 nothing "
                                      "ran.",
@@ -222,35 +239,38 @@ int gn_command_replay(int argc, char **argv)
     struct arguments arguments = {.timeout = 60};
     struct gn_arena arena = {0};
     struct gn_selected *catalogue = NULL;
-    struct gn_replay replay;
+    struct gn_replay replay = {0};
+    struct gn_fuzz_file scene = {0};
     char error[1024], *text = NULL;
     size_t length = 0, count = 0;
     int exit_status = 2;
     if (argp_parse(&argp, argc, argv, 0, NULL, &arguments) != 0)
         goto done;
-    if (!gn_file_read(arguments.file, 1 << 20, &text, &length, error, sizeof error)) {
+    if (!gn_file_read(arguments.file, 1 << 26, &text, &length, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s\n", error);
         goto done;
     }
-    if (!gn_replay_decode(text, length, &arena, &replay, error, sizeof error)) {
+    const bool is_scene = memmem(text, length, "\"scene_file\"", 12) != NULL;
+    if (is_scene ? !gn_fuzz_decode(text, length, &arena, &scene, error, sizeof error)
+                 : !gn_replay_decode(text, length, &arena, &replay, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s: %s\n", arguments.file, error);
         goto done;
     }
     catalogue = gn_catalogue(&arena, &count);
-    const struct gn_selected *selected = gn_catalogue_find(catalogue, count, replay.name);
-    if (!selected) {
+    const struct gn_selected *selected = is_scene ? NULL : gn_catalogue_find(catalogue, count, replay.name);
+    if (!is_scene && !selected) {
         fprintf(stderr, "gnomon: %s: this version (%s) has no case named '%s'\n", arguments.file,
                 gn_version(), replay.name);
         goto done;
     }
-    const char *icd = replay.driver;
+    const char *icd = is_scene ? scene.driver : replay.driver;
     if (arguments.driver || icd[0])
         icd = gn_driver_resolve(arguments.driver ? arguments.driver : icd, &arena, error, sizeof error);
     if (!icd) {
         fprintf(stderr, "gnomon: %s\n", error);
         goto done;
     }
-    exit_status = explain_apart(&replay, selected, icd, &arguments);
+    exit_status = explain_apart(&replay, selected, is_scene ? &scene : NULL, icd, &arguments);
 done:
     free(text);
     free(catalogue);

@@ -6,6 +6,7 @@
  * show whichever way rays are traced; faults of the traversal are made in the shaders.
  */
 #include <math.h>
+#include <signal.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -718,6 +719,13 @@ static void update_second_skipped(struct gn_fault_build *build)
     build->skip = gn_fault_is_update(build) && build->from == build->to && build->to && build->to->builds > 1;
 }
 
+/* A null pointer of the driver's own. */
+static void pointers_crash(struct gn_fault_build *build)
+{
+    if (is_tlas(build) && build->geometries[0].geometry.instances.arrayOfPointers)
+        raise(SIGSEGV);
+}
+
 static void rebuild_skipped(struct gn_fault_build *build)
 {
     build->skip = !gn_fault_is_update(build) && build->to && build->to->builds > 0;
@@ -952,6 +960,7 @@ const struct gn_fault gn_faults[] = {
     INSTANCE("update.instance_masks", "an update keeps the instances' masks and flags", update_keeps_masks),
     INSTANCE("update.instance_references", "an update keeps the instances' structures", update_keeps_references),
     INSTANCE("update.instance_transforms", "an update keeps the instances' transforms", update_keeps_transforms),
+    BUILD("build.crash", "building from an array of pointers crashes", pointers_crash),
     BUILD("build.rebuild", "a structure is not built a second time", rebuild_skipped),
     GEOMETRY("build.fast_build", "PREFER_FAST_BUILD rounds positions to 15 bits", fast_build_rounds),
     GEOMETRY("build.low_memory", "LOW_MEMORY makes everything opaque", low_memory_opaque),
