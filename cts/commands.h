@@ -6,6 +6,7 @@
 
 int gn_command_run(int argc, char **argv);
 int gn_command_gate(int argc, char **argv);
+int gn_command_merge(int argc, char **argv);
 int gn_command_replay(int argc, char **argv);
 int gn_command_instrument(int argc, char **argv);
 int gn_command_accuracy(int argc, char **argv);

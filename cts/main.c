@@ -17,6 +17,7 @@ static const struct {
 } commands[] = {
     {"run", gn_command_run, "gnomon run", "run the conformance suite on a driver and write reports"},
     {"gate", gn_command_gate, "gnomon gate", "may this driver change land? Compare with expectations or another driver"},
+    {"merge", gn_command_merge, "gnomon merge", "join the shards of a run"},
     {"replay", gn_command_replay, "gnomon replay",
      "re-run a failing ray or case and explain it step by step"},
     {"accuracy", gn_command_accuracy, "gnomon accuracy", "measure what accuracy costs in time: table and plot"},

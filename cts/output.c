@@ -91,22 +91,7 @@ static bool write_run(const struct gn_output *output, const struct gn_results_ru
 static bool same_run(const struct gn_results_run *a, const struct gn_results_run *b, char *out_error,
                      size_t error_size)
 {
-    const char *what = NULL;
-    if (strcmp(a->version, b->version) != 0)
-        what = "version of gnomon";
-    else if (strcmp(a->driver, b->driver) != 0)
-        what = "driver";
-    else if (strcmp(a->backend, b->backend) != 0)
-        what = "backend";
-    else if (a->seed != b->seed)
-        what = "seed";
-    else if (a->scale < b->scale || a->scale > b->scale)
-        what = "scale";
-    else if (strcmp(a->device.name, b->device.name) != 0 ||
-             a->device.driver_version != b->device.driver_version ||
-             strcmp(a->device.driver_info, b->device.driver_info) != 0 ||
-             memcmp(a->device.driver_uuid, b->device.driver_uuid, VK_UUID_SIZE) != 0)
-        what = "device or driver version";
+    const char *what = strcmp(a->driver, b->driver) != 0 ? "driver" : gn_results_run_difference(a, b);
     if (what)
         snprintf(out_error, error_size, "--resume: the earlier run had another %s", what);
     return !what;
@@ -277,6 +262,53 @@ bool gn_output_case(struct gn_output *output, const struct gn_results_run *run, 
         return false;
     }
     bool ok = append_line(output, line, length, out_error, error_size);
+    free(line);
+    return ok;
+}
+
+static bool take_file(const struct gn_output *output, const char *from, const char *name, char *out_error,
+                      size_t error_size)
+{
+    char *source = path_of(from, name), *target = path_of(output->folder, name), *data = NULL;
+    size_t length = 0;
+    char *slash = strrchr(target, '/');
+    bool ok = gn_file_read(source, (size_t)1 << 30, &data, &length, out_error, error_size);
+    if (ok) {
+        *slash = 0;
+        ok = gn_folder_create(target, out_error, error_size);
+        *slash = '/';
+    }
+    ok = ok && gn_file_write(target, data, length, out_error, error_size);
+    free(data);
+    free(target);
+    free(source);
+    return ok;
+}
+
+/* Whether a name from a file is one that a run gives: it must not lead out of the folder. */
+static bool is_ours(const char *name)
+{
+    return (strncmp(name, "images/", 7) == 0 || strncmp(name, "replay/", 7) == 0) && !strchr(name + 7, '/');
+}
+
+bool gn_output_take(struct gn_output *output, const char *from, const struct gn_results_case *cs, char *out_error,
+                    size_t error_size)
+{
+    const char *const files[] = {cs->picture, cs->replay};
+    size_t length = 0;
+    for (size_t i = 0; i < 2; i++) {
+        if (*files[i] && !is_ours(files[i])) {
+            snprintf(out_error, error_size, "%s/results.jsonl: %s has a file '%.200s', which no run has", from, cs->name,
+                     files[i]);
+            return false;
+        }
+        if (*files[i] && !take_file(output, from, files[i], out_error, error_size))
+            return false;
+    }
+    char *line = gn_results_case_encode(cs, &length);
+    bool ok = line && append_line(output, line, length, out_error, error_size);
+    if (!line)
+        snprintf(out_error, error_size, "out of memory for the result of %s", cs->name);
     free(line);
     return ok;
 }

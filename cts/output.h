@@ -34,6 +34,10 @@ bool gn_output_begin(struct gn_output *output, struct gn_results *results, bool 
 bool gn_output_case(struct gn_output *output, const struct gn_results_run *run, struct gn_results_case *cs,
                     char *out_error, size_t error_size);
 
+/* Takes a case over from another run's folder: its line, its picture and replay file. */
+bool gn_output_take(struct gn_output *output, const char *from, const struct gn_results_case *cs, char *out_error,
+                    size_t error_size);
+
 /* The summary line and the other reports. As many as possible are written; false when one could not be. */
 bool gn_output_end(struct gn_output *output, const struct gn_results *results, char *out_error,
                    size_t error_size);

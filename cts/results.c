@@ -30,6 +30,25 @@ void gn_results_finish(struct gn_results *results)
     memset(results, 0, sizeof *results);
 }
 
+const char *gn_results_run_difference(const struct gn_results_run *a, const struct gn_results_run *b)
+{
+    if (strcmp(a->version, b->version) != 0)
+        return "version of gnomon";
+    if (a->suite != b->suite)
+        return "suite of cases";
+    if (strcmp(a->backend, b->backend) != 0)
+        return "backend";
+    if (a->seed != b->seed)
+        return "seed";
+    if (a->scale < b->scale || a->scale > b->scale)
+        return "scale";
+    if (strcmp(a->device.name, b->device.name) != 0 || a->device.driver_version != b->device.driver_version ||
+        strcmp(a->device.driver_info, b->device.driver_info) != 0 ||
+        memcmp(a->device.driver_uuid, b->device.driver_uuid, VK_UUID_SIZE) != 0)
+        return "device or driver version";
+    return NULL;
+}
+
 static void *grow(void *array, size_t count, size_t size)
 {
     void *grown = realloc(array, count * size);

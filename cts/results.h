@@ -65,6 +65,8 @@ struct gn_results_run {
     uint32_t jobs;
     uint32_t shard, shard_count; /* 1-based; 1 of 1 without --shard */
     uint64_t selected;           /* cases that were to run */
+    uint64_t suite;              /* gn_catalogue_digest() */
+    uint64_t durations;          /* a digest of the file that the shards were balanced by; 0 without */
     struct gn_device_info device;
 };
 
@@ -131,6 +133,8 @@ void gn_text_clean(char *text);
 char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_length);
 bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *arena,
                             struct gn_results_case *out, char *out_error, size_t error_size);
+/* In what two runs differ that must not if they are parts of one: "seed", or NULL. The driver's file is not looked at. */
+const char *gn_results_run_difference(const struct gn_results_run *a, const struct gn_results_run *b);
 char *gn_results_run_encode(const struct gn_results_run *run, size_t *out_length);
 bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *arena,
                            struct gn_results_run *out, char *out_error, size_t error_size);

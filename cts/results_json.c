@@ -245,6 +245,14 @@ static void curve_encode(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct
     }
 }
 
+/* A number of 64 bits, which readers of JSON may not hold. */
+static void put_digest(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, uint64_t value)
+{
+    char digits[24];
+    snprintf(digits, sizeof digits, "%016" PRIx64, value);
+    put_text(doc, object, key, digits);
+}
+
 /* Without the empty bins at the end. */
 static void put_bins(yyjson_mut_doc *doc, yyjson_mut_val *object, const uint64_t bins[GN_CASE_ERROR_BINS])
 {
@@ -276,11 +284,8 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
     put_hit_error(doc, root, cs->hit_error_median, cs->hit_error_p999, cs->hit_error_max);
     put_bins(doc, root, cs->hit_error_bins);
     put_real(doc, root, "margin_max", cs->margin_max);
-    if (cs->answers) {
-        char digest[24];
-        snprintf(digest, sizeof digest, "%016" PRIx64, cs->answers);
-        put_text(doc, root, "answers", digest);
-    }
+    if (cs->answers)
+        put_digest(doc, root, "answers", cs->answers);
     if (cs->curve.count)
         curve_encode(doc, root, &cs->curve);
     if (cs->outcome != GN_OUTCOME_AS_EXPECTED)
@@ -649,6 +654,9 @@ static void run_put(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct gn_r
     put_uint(doc, root, "shard", run->shard);
     put_uint(doc, root, "shard_count", run->shard_count);
     put_uint(doc, root, "selected", run->selected);
+    put_digest(doc, root, "suite", run->suite);
+    if (run->durations)
+        put_digest(doc, root, "durations", run->durations);
     put_real(doc, root, "bound", gn_ref_verdict_bound());
     yyjson_mut_obj_add_val(doc, root, "device", device_encode(doc, &run->device));
 }
@@ -688,6 +696,8 @@ bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *are
     out->shard = (uint32_t)get_uint(root, "shard");
     out->shard_count = (uint32_t)get_uint(root, "shard_count");
     out->selected = get_uint(root, "selected");
+    out->suite = strtoull(get_text(root, "suite", arena), NULL, 16);
+    out->durations = strtoull(get_text(root, "durations", arena), NULL, 16);
     device_decode(yyjson_obj_get(root, "device"), &out->device);
     yyjson_doc_free(doc);
     return ok;

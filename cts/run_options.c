@@ -8,6 +8,7 @@
 #include <string.h>
 #include <time.h>
 #include <unistd.h>
+#include <xxhash.h>
 
 #include "cts/arguments.h"
 #include "cts/commands.h"
@@ -21,6 +22,7 @@ enum {
     OPTION_SHARD,
     OPTION_SEED,
     OPTION_RESUME,
+    OPTION_DURATIONS,
     OPTION_LIST,
     OPTION_EXPECT,
     OPTION_SCALE,
@@ -43,6 +45,8 @@ static const struct argp_option argp_options[] = {
      "For one case (default: 60); a worker that exceeds it is killed", 0},
     {"max-fails", OPTION_MAX_FAILS, "N", 0, "Stop after N failures", 0},
     {"shard", OPTION_SHARD, "I/N", 0, "Only the I-th of N parts of the cases, by the hash of their names", 0},
+    {"durations", OPTION_DURATIONS, "FILE", 0,
+     "Shards that take equally long, by the results.jsonl of an earlier run; the same file for all of them", 0},
     {"resume", OPTION_RESUME, NULL, 0, "Go on with an interrupted run in the same folder", 0},
     {"list", OPTION_LIST, NULL, 0, "Print the names of the cases and run none", 0},
     {"expect", OPTION_EXPECT, "FILE", 0,
@@ -96,6 +100,9 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         break;
     case OPTION_SEED:
         options->seed = gn_argument_number(state, "--seed", argument, 0, UINT64_MAX);
+        break;
+    case OPTION_DURATIONS:
+        options->durations = argument;
         break;
     case OPTION_RESUME:
         options->resume = true;
@@ -194,6 +201,32 @@ static size_t select_backend(struct gn_selected *cases, size_t count, const char
     return kept;
 }
 
+/* Parts the cases as --shard and --durations say. */
+static bool take_shard(struct gn_selected *cases, size_t *inout_count, const struct gn_run_options *options,
+                       struct gn_results_run *run, char *out_error, size_t error_size)
+{
+    struct gn_results durations;
+    char *data = NULL;
+    size_t length = 0;
+    if (options->shard_count <= 1)
+        return true;
+    gn_results_init(&durations);
+    if (options->durations) {
+        bool ok = gn_file_read(options->durations, (size_t)1 << 30, &data, &length, out_error, error_size) &&
+                  gn_results_jsonl_read(&durations, options->durations, out_error, error_size);
+        run->durations = ok ? XXH64(data, length, 0) : 0;
+        free(data);
+        if (!ok) {
+            gn_results_finish(&durations);
+            return false;
+        }
+    }
+    *inout_count = gn_shard(cases, *inout_count, options->shard, options->shard_count,
+                            options->durations ? &durations : NULL);
+    gn_results_finish(&durations);
+    return true;
+}
+
 int gn_run_plan_make(struct gn_run_plan *plan, const struct gn_run_options *options, struct gn_results *results)
 {
     char error[1024];
@@ -201,12 +234,16 @@ int gn_run_plan_make(struct gn_run_plan *plan, const struct gn_run_options *opti
     plan->catalogue = gn_catalogue(&results->arena, &plan->catalogue_count);
     plan->cases = gn_catalogue(&results->arena, &plan->catalogue_count);
     size_t count = select_backend(plan->cases, plan->catalogue_count, options->backend);
-    count = gn_select(plan->cases, count, options->filters, options->filter_count, options->shard,
-                             options->shard_count, error, sizeof error);
+    count = gn_select(plan->cases, count, options->filters, options->filter_count, error, sizeof error);
     if (count == SIZE_MAX) {
         fprintf(stderr, "gnomon: nothing ran: %s\n", error);
         return 4;
     }
+    if (!take_shard(plan->cases, &count, options, &results->run, error, sizeof error)) {
+        fprintf(stderr, "gnomon: --durations: %s\n", error);
+        return 2;
+    }
+    results->run.suite = gn_catalogue_digest(plan->catalogue, plan->catalogue_count);
     if (options->list) {
         for (size_t i = 0; i < count; i++)
             printf("%s\n", plan->cases[i].name);

@@ -13,6 +13,7 @@ struct gn_run_options {
     const char *backend; /* of gn_case_backend_name(), or "all" */
     const char *out;
     uint32_t jobs, shard, shard_count;
+    const char *durations; /* a file; NULL: shards by name */
     uint64_t seed, max_fails;
     double scale, timeout;
     bool resume, list;

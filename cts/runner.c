@@ -237,6 +237,9 @@ static void device_opened(struct runner *runner, const char *text, size_t length
         refuse(runner, exit_status, "%s", error);
         return;
     }
+    /* What an earlier run left is held against the expectations of this one. */
+    for (size_t i = 0; i < runner->results->count; i++)
+        gn_expectations_apply(runner->options->expectations, &runner->results->cases[i]);
     skip_cases(runner);
     fprintf(stderr, "gnomon: %zu case%s on %s (%s %s), %u worker%s\n", runner->count,
             runner->count == 1 ? "" : "s", run->device.name, run->device.driver_name, run->device.driver_info,

@@ -124,7 +124,7 @@ static void suggest(const struct gn_selected *cases, size_t count, const char *f
 }
 
 size_t gn_select(struct gn_selected *cases, size_t count, const char *const *filters, size_t filter_count,
-                 uint32_t shard, uint32_t shard_count, char *out_error, size_t error_size)
+                 char *out_error, size_t error_size)
 {
     for (size_t f = 0; f < filter_count; f++) {
         size_t matches = 0;
@@ -142,11 +142,95 @@ size_t gn_select(struct gn_selected *cases, size_t count, const char *const *fil
         bool wanted = !filter_count;
         for (size_t f = 0; f < filter_count && !wanted; f++)
             wanted = gn_pattern_matches(filters[f], cases[i].name);
-        /* By the name's hash, so that a case stays in its shard when others are added. */
-        if (wanted && shard_count > 1)
-            wanted = XXH64(cases[i].name, strlen(cases[i].name), 0) % shard_count == shard - 1;
         if (wanted)
             cases[kept++] = cases[i];
     }
     return kept;
+}
+
+/* A case to be put into a shard. */
+struct load {
+    const char *name;
+    double seconds;
+    uint32_t shard; /* from 0 */
+};
+
+/* The longest first; of equal ones by name. */
+static int compare_loads(const void *a, const void *b)
+{
+    const struct load *x = a, *y = b;
+    if (x->seconds < y->seconds || x->seconds > y->seconds)
+        return x->seconds < y->seconds ? 1 : -1;
+    return strcmp(x->name, y->name);
+}
+
+static int compare_load_names(const void *a, const void *b)
+{
+    return strcmp(((const struct load *)a)->name, ((const struct load *)b)->name);
+}
+
+static double duration_of(const struct gn_results *durations, const char *name)
+{
+    for (size_t i = 0; i < durations->count; i++)
+        if (strcmp(durations->cases[i].name, name) == 0)
+            return durations->cases[i].seconds;
+    return -1;
+}
+
+/* Each case, the longest first, goes to the shard that has the least so far. What took how long is not known takes the mean. */
+static void balance(struct load *loads, size_t count, uint32_t shard_count, const struct gn_results *durations)
+{
+    double known = 0, *sums = calloc(shard_count, sizeof *sums);
+    size_t known_count = 0;
+    for (size_t i = 0; i < count; i++) {
+        loads[i].seconds = duration_of(durations, loads[i].name);
+        known += loads[i].seconds >= 0 ? loads[i].seconds : 0;
+        known_count += loads[i].seconds >= 0;
+    }
+    for (size_t i = 0; i < count; i++)
+        if (loads[i].seconds < 0)
+            loads[i].seconds = known_count ? known / (double)known_count : 1;
+    qsort(loads, count, sizeof *loads, compare_loads);
+    for (size_t i = 0; sums && i < count; i++) {
+        for (uint32_t s = 0; s < shard_count; s++)
+            if (sums[s] < sums[loads[i].shard])
+                loads[i].shard = s;
+        sums[loads[i].shard] += loads[i].seconds;
+    }
+    free(sums);
+}
+
+size_t gn_shard(struct gn_selected *cases, size_t count, uint32_t shard, uint32_t shard_count,
+                const struct gn_results *durations)
+{
+    struct load *loads = calloc(count ? count : 1, sizeof *loads);
+    size_t kept = 0;
+    if (!loads) {
+        fprintf(stderr, "gnomon: out of memory for %zu cases\n", count);
+        exit(3);
+    }
+    for (size_t i = 0; i < count; i++) {
+        loads[i].name = cases[i].name;
+        if (!durations)
+            loads[i].shard = (uint32_t)(XXH64(cases[i].name, strlen(cases[i].name), 0) % shard_count);
+    }
+    if (durations)
+        balance(loads, count, shard_count, durations);
+    qsort(loads, count, sizeof *loads, compare_load_names);
+    for (size_t i = 0; i < count; i++) {
+        const struct load key = {.name = cases[i].name};
+        const struct load *load = bsearch(&key, loads, count, sizeof *loads, compare_load_names);
+        if (load->shard == shard - 1)
+            cases[kept++] = cases[i];
+    }
+    free(loads);
+    return kept;
+}
+
+uint64_t gn_catalogue_digest(const struct gn_selected *catalogue, size_t count)
+{
+    uint64_t digest = 0;
+    for (size_t i = 0; i < count; i++)
+        digest = XXH64(catalogue[i].name, strlen(catalogue[i].name) + 1, digest);
+    return digest;
 }

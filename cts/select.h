@@ -24,10 +24,21 @@ const struct gn_selected *gn_catalogue_find(const struct gn_selected *catalogue,
 bool gn_pattern_matches(const char *pattern, const char *name);
 
 /*
- * Keeps in place the cases that match any of the filters (all without filters) and belong to the shard, and
- * gives their number. A filter that matches nothing gives SIZE_MAX with a message that names what is near it.
+ * Keeps in place the cases that match any of the filters (all without filters), and gives their number. A filter
+ * that matches nothing gives SIZE_MAX with a message that names what is near it.
  */
 size_t gn_select(struct gn_selected *cases, size_t count, const char *const *filters, size_t filter_count,
-                 uint32_t shard, uint32_t shard_count, char *out_error, size_t error_size);
+                 char *out_error, size_t error_size);
+
+/*
+ * Keeps in place the cases of a shard, from 1 on, and gives their number: by the hash of their names, so that a case stays in its shard
+ * when others are added; or, with `durations`, the results of an earlier run, so that all shards take about
+ * equally long. The same arguments give the same shards anywhere.
+ */
+size_t gn_shard(struct gn_selected *cases, size_t count, uint32_t shard, uint32_t shard_count,
+                const struct gn_results *durations);
+
+/* A digest of the names of all cases: what two runs must share to be parts of one. */
+uint64_t gn_catalogue_digest(const struct gn_selected *catalogue, size_t count);
 
 #endif

@@ -56,7 +56,7 @@ static void selection(void **state)
     assert_null(gn_catalogue_find(all, count, "smoke.quad"));
 
     const char *twice[] = {"query.smoke.*", "*.quad"};
-    size_t kept = gn_select(some, count, twice, 2, 1, 1, error, sizeof error);
+    size_t kept = gn_select(some, count, twice, 2, error, sizeof error);
     assert_true(kept >= 1 && kept < count);
     assert_string_equal(some[0].self->name + 0, strchr(some[0].name, '.') + 1);
     free(some);
@@ -66,7 +66,7 @@ static void selection(void **state)
         size_t total = 0;
         for (uint32_t shard = 1; shard <= shards; shard++) {
             some = gn_catalogue(&arena, &count);
-            total += gn_select(some, count, NULL, 0, shard, shards, error, sizeof error);
+            total += gn_shard(some, count, shard, shards, NULL);
             free(some);
         }
         assert_int_equal(total, count);
@@ -80,7 +80,7 @@ static void selection(void **state)
                  {"zzzzzzzzzzzzzzzzzzzzzzzzzzzzz", "--list"}};
     for (size_t i = 0; i < sizeof typos / sizeof typos[0]; i++) {
         some = gn_catalogue(&arena, &count);
-        assert_true(gn_select(some, count, &typos[i].filter, 1, 1, 1, error, sizeof error) == SIZE_MAX);
+        assert_true(gn_select(some, count, &typos[i].filter, 1, error, sizeof error) == SIZE_MAX);
         if (!strstr(error, typos[i].said))
             fail_msg("'%s': expected '%s', found '%s'", typos[i].filter, typos[i].said, error);
         free(some);
@@ -98,6 +98,56 @@ static const char *write_temporary(const char *content)
     assert_int_equal(write(fd, content, strlen(content)), (ssize_t)strlen(content));
     close(fd);
     return path;
+}
+
+/* By durations the shards take about equally long, each case is in one, and the order of the file does not matter. */
+static void balanced_shards(void **state)
+{
+    enum { COUNT = 100, SHARDS = 4 };
+    struct gn_arena arena = {0};
+    struct gn_selected cases[COUNT], some[COUNT];
+    struct gn_results durations[2];
+    double total = 0;
+    (void)state;
+    gn_results_init(&durations[0]);
+    gn_results_init(&durations[1]);
+    for (int i = 0; i < COUNT; i++) {
+        cases[i] = (struct gn_selected){.name = gn_arena_printf(&arena, "query.case.%d", i)};
+        total += i % 10 == 9 ? 3 : 0.01 * i;
+    }
+    for (int i = 0; i < COUNT; i++) {
+        for (int k = 0; k < 2; k++) {
+            int j = k ? COUNT - 1 - i : i;
+            struct gn_results_case cs = {.name = cases[j].name, .seconds = j % 10 == 9 ? 3 : 0.01 * j};
+            gn_results_add(&durations[k], &cs);
+        }
+    }
+    size_t seen = 0;
+    for (uint32_t shard = 1; shard <= SHARDS; shard++) {
+        double seconds = 0;
+        memcpy(some, cases, sizeof cases);
+        size_t kept = gn_shard(some, COUNT, shard, SHARDS, &durations[0]);
+        struct gn_selected again[COUNT];
+        memcpy(again, cases, sizeof cases);
+        assert_int_equal(gn_shard(again, COUNT, shard, SHARDS, &durations[1]), kept);
+        for (size_t i = 0; i < kept; i++) {
+            int number = atoi(strrchr(some[i].name, '.') + 1);
+            assert_ptr_equal(some[i].name, again[i].name);
+            seconds += number % 10 == 9 ? 3 : 0.01 * number;
+        }
+        seen += kept;
+        if (seconds < 0.9 * total / SHARDS || seconds > 1.1 * total / SHARDS)
+            fail_msg("shard %u takes %g s of %g", shard, seconds, total);
+    }
+    assert_int_equal(seen, COUNT);
+    /* Of cases nothing is known: shards of about equal numbers. */
+    struct gn_results none;
+    gn_results_init(&none);
+    memcpy(some, cases, sizeof cases);
+    assert_int_equal(gn_shard(some, COUNT, 1, SHARDS, &none), COUNT / SHARDS);
+    gn_results_finish(&durations[0]);
+    gn_results_finish(&durations[1]);
+    gn_arena_finish(&arena);
 }
 
 static void drivers(void **state)
@@ -178,6 +228,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(patterns),
         cmocka_unit_test(selection),
+        cmocka_unit_test(balanced_shards),
         cmocka_unit_test(drivers),
         cmocka_unit_test(drivers_in_roots),
     };
