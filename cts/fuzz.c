@@ -52,6 +52,7 @@ static const struct argp_option argp_options[] = {
 
 struct kind {
     char name[256];
+    uint32_t needed; /* ingredients */
     uint64_t count, first; /* the lowest trial */
     uint64_t filed; /* the trial whose reduced scene is kept; UINT64_MAX: none */
 };
@@ -208,7 +209,7 @@ static bool trial_wanted(const struct fuzz *fuzz, const struct gn_fuzz_trial *tr
     return strcmp(fuzz->backend, "all") == 0 || strcmp(fuzz->backend, gn_case_backend_name(trial->backend)) == 0;
 }
 
-/* Never returns: trials from `number` on, every `jobs`-th. Lines on `to`: the kind, a blank, the trial. */
+/* Never returns: trials from `number` on, every `jobs`-th. Lines on `to`: the kind, what it needs, the trial, whether it was filed. */
 static void work(const struct fuzz *fuzz, uint64_t number, struct place *place, int to)
 {
     char error[2048];
@@ -251,7 +252,7 @@ static void work(const struct fuzz *fuzz, uint64_t number, struct place *place, 
                                                       info->name, fuzz->seed, number};
                     file_write(fuzz, name, number, &file);
                 }
-                dprintf(to, "%s %llu %d\n", name, (unsigned long long)number, fresh);
+                dprintf(to, "%s %u %llu %d\n", name, needed, (unsigned long long)number, fresh);
                 place->shrinking = 0;
             }
         }
@@ -270,7 +271,7 @@ static void work(const struct fuzz *fuzz, uint64_t number, struct place *place, 
     _exit(0);
 }
 
-static void kind_add(struct fuzz *fuzz, const char *name, uint64_t number, bool filed)
+static void kind_add(struct fuzz *fuzz, const char *name, uint32_t needed, uint64_t number, bool filed)
 {
     size_t i = 0;
     while (i < fuzz->kind_count && strcmp(fuzz->kinds[i].name, name) != 0)
@@ -282,6 +283,7 @@ static void kind_add(struct fuzz *fuzz, const char *name, uint64_t number, bool 
     if (i == fuzz->kind_count) {
         fuzz->kind_count++;
         snprintf(kind->name, sizeof kind->name, "%s", name);
+        kind->needed = needed;
         kind->first = kind->filed = UINT64_MAX;
     }
     kind->count++;
@@ -345,9 +347,10 @@ static void crash_handle(struct fuzz *fuzz, uint64_t number, const struct gn_dev
     struct outside outside = {fuzz, 0};
     char name[256] = "crash.not_repeated", message[128];
     bool filed = false;
+    uint32_t needed = 0;
     gn_fuzz_make(&arena, fuzz->seed, number, info, &trial);
     if (outside_fails(&outside, &trial)) {
-        const uint32_t needed = gn_fuzz_classify(&arena, &trial, UINT32_MAX, outside_fails, &outside);
+        needed = gn_fuzz_classify(&arena, &trial, UINT32_MAX, outside_fails, &outside);
         kind_name(outside.signal == SIGALRM ? GN_CASE_TIMEOUT : GN_CASE_CRASH, needed, name, sizeof name);
         bool fresh = true;
         for (size_t i = 0; i < fuzz->kind_count; i++)
@@ -360,7 +363,7 @@ static void crash_handle(struct fuzz *fuzz, uint64_t number, const struct gn_dev
             filed = file_write(fuzz, name, number, &file);
         }
     }
-    kind_add(fuzz, name, number, filed);
+    kind_add(fuzz, name, needed, number, filed);
     gn_arena_finish(&arena);
 }
 
@@ -403,9 +406,10 @@ static bool worker_read(struct fuzz *fuzz, struct worker *worker)
     while ((end = strchr(begin, '\n'))) {
         char name[256];
         unsigned long long number;
+        unsigned needed;
         int filed;
-        if (sscanf(begin, "%255s %llu %d", name, &number, &filed) == 3)
-            kind_add(fuzz, name, number, filed);
+        if (sscanf(begin, "%255s %u %llu %d", name, &needed, &number, &filed) == 4)
+            kind_add(fuzz, name, needed, number, filed);
         begin = end + 1;
     }
     worker->used -= (size_t)(begin - worker->line);
@@ -493,21 +497,53 @@ static int kind_compare(const void *left, const void *right)
     return a->count != b->count ? (a->count < b->count ? 1 : -1) : strcmp(a->name, b->name);
 }
 
-/* Prints the kinds and keeps, of each, the scene of the lowest trial. Gives how many kinds count. */
-static size_t kinds_report(struct fuzz *fuzz, struct gn_arena *arena)
+/* The kind that needs least among those of this status whose ingredients this one needs, too; itself where there is none. */
+static size_t kind_root(const struct fuzz *fuzz, size_t of)
+{
+    size_t root = of;
+    const struct kind *kind = &fuzz->kinds[of];
+    const size_t status = strcspn(kind->name, ".");
+    for (size_t i = 0; i < fuzz->kind_count; i++) {
+        const struct kind *other = &fuzz->kinds[i];
+        if (other->needed && (other->needed & kind->needed) == other->needed &&
+            strncmp(other->name, kind->name, status + 1) == 0 &&
+            __builtin_popcount(other->needed) < __builtin_popcount(fuzz->kinds[root].needed))
+            root = i;
+    }
+    return root;
+}
+
+/*
+ * Prints the kinds; those that need what another needs and something more go with that one. Gives how many count, and in
+ * *out_ways how many there are.
+ */
+static size_t kinds_report(struct fuzz *fuzz, struct gn_arena *arena, size_t *out_ways)
 {
     size_t counting = 0;
+    *out_ways = 0;
     qsort(fuzz->kinds, fuzz->kind_count, sizeof *fuzz->kinds, kind_compare);
     for (size_t i = 0; i < fuzz->kind_count; i++) {
         struct kind *kind = &fuzz->kinds[i];
-        const bool known = kind_known(fuzz, kind->name);
-        char *from, *to;
+        const char *to = gn_arena_printf(arena, "%s/%s.json", fuzz->out, kind->name);
+        const char *from =
+            gn_arena_printf(arena, "%s/%s.%llu.json", fuzz->out, kind->name, (unsigned long long)kind->filed);
+        const bool filed = rename(from, to) == 0, known = kind_known(fuzz, kind->name);
+        size_t variants = 0, more = 0;
+        if (kind_root(fuzz, i) != i)
+            continue;
+        for (size_t v = 0; v < fuzz->kind_count; v++)
+            if (v != i && kind_root(fuzz, v) == i) {
+                variants++;
+                more += fuzz->kinds[v].count;
+            }
+        ++*out_ways;
         counting += !known;
-        from = gn_arena_printf(arena, "%s/%s.%llu.json", fuzz->out, kind->name, (unsigned long long)kind->filed);
-        to = gn_arena_printf(arena, "%s/%s.json", fuzz->out, kind->name);
-        printf("%7llu %s %s: first at trial %llu\n", (unsigned long long)kind->count, known ? "known" : "     ",
-               kind->name, (unsigned long long)kind->first);
-        if (rename(from, to) == 0)
+        printf("%7llu %s %s: first at trial %llu", (unsigned long long)kind->count, known ? "known" : "     ", kind->name,
+               (unsigned long long)kind->first);
+        if (variants)
+            printf("; %zu more in %zu kinds that need this and something else", more, variants);
+        printf("\n");
+        if (filed)
             printf("        %s replay %s\n", gn_command_name, to);
     }
     return counting;
@@ -553,9 +589,10 @@ int gn_command_fuzz(int argc, char **argv)
     printf("%s, %s %s; seed %llu\n", info->name, info->driver_name, info->driver_info, (unsigned long long)fuzz->seed);
     fuzz->begin = gn_clock();
     exit_status = run_all(fuzz, places, info);
-    const size_t counting = kinds_report(fuzz, &arena);
+    size_t ways = 0;
+    const size_t counting = kinds_report(fuzz, &arena, &ways);
     printf("%llu of %llu scenes failed in %zu ways, %zu of them not known; %s rays, %s, %s scenes/s\n",
-           (unsigned long long)fuzz->failed, (unsigned long long)fuzz->done, fuzz->kind_count, counting,
+           (unsigned long long)fuzz->failed, (unsigned long long)fuzz->done, ways, counting,
            gn_format_count((double)fuzz->rays, count[0]), gn_format_duration(gn_clock() - fuzz->begin, took),
            gn_format_count((double)fuzz->done / (gn_clock() - fuzz->begin), count[1]));
     if (exit_status == 0)
