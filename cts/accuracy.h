@@ -22,6 +22,7 @@ const char *gn_accuracy_mode_name(enum gn_accuracy_mode mode);
 const char *gn_accuracy_aim_name(enum gn_aim aim);
 
 struct gn_accuracy_driver;
+struct gn_accuracy_layer;
 
 struct gn_accuracy_scene {
     const char *name;  /* as --scene takes it; of a file, the name of the file */
@@ -105,6 +106,7 @@ struct gn_accuracy {
     uint64_t judged_exactly; /* answers of rays for which the exact tier was asked */
     uint64_t judged;         /* rays */
     const struct gn_accuracy_driver *driver; /* NULL without --driver (accuracy_driver.h) */
+    const struct gn_accuracy_layer *layer;   /* NULL without --layer (accuracy_layer.h) */
     const char *started;
     const char *machine; /* the processor, for the page */
     double seconds;

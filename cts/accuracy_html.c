@@ -5,6 +5,7 @@
 #include <string.h>
 
 #include "cts/accuracy_driver.h"
+#include "cts/accuracy_layer.h"
 #include "cts/describe.h"
 #include "cts/progress.h"
 #include "cts/report_html_parts.h"
@@ -288,6 +289,8 @@ bool gn_accuracy_html_write(const struct gn_accuracy *accuracy, const char *path
         put_scene(file, accuracy, i);
     if (accuracy->driver)
         gn_accuracy_driver_html(file, accuracy);
+    if (accuracy->layer)
+        gn_accuracy_layer_html(file, accuracy);
     fputs("<p class=\"soft small\">The same as data: accuracy.json beside this page; the plot: accuracy.svg, "
           "accuracy.png."
           "</p>\n</main></body></html>\n",

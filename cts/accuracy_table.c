@@ -6,6 +6,7 @@
 #include <yyjson.h>
 
 #include "cts/accuracy_driver.h"
+#include "cts/accuracy_layer.h"
 #include "cts/describe.h"
 #include "cts/progress.h"
 
@@ -144,7 +145,7 @@ char *gn_accuracy_json(const struct gn_accuracy *accuracy, size_t *out_length)
         if (!yyjson_mut_obj_add_uint(doc, object, "bytes", row->bytes) || yyjson_mut_obj_size(object) != 11)
             goto done;
     }
-    if (!gn_accuracy_driver_json(accuracy, doc, list))
+    if (!gn_accuracy_driver_json(accuracy, doc, list) || !gn_accuracy_layer_json(accuracy, doc, list))
         goto done;
     text = yyjson_mut_write(doc, YYJSON_WRITE_PRETTY_TWO_SPACES | YYJSON_WRITE_NEWLINE_AT_END, out_length);
 done:

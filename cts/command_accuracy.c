@@ -11,6 +11,7 @@
 #include <unistd.h>
 
 #include "cts/accuracy_driver.h"
+#include "cts/accuracy_layer.h"
 #include "cts/arguments.h"
 #include "cts/commands.h"
 #include "cts/driver.h"
@@ -52,7 +53,8 @@ static const struct argp_option options[] = {
     {"quick", OPTION_QUICK, NULL, 0, "Small scenes and few rays: shows how it works, measures little", 0},
     {"driver", OPTION_DRIVER, "ICD|NAME", 0,
      "Measure this driver too: its time against its error over build flags, vertex formats and updates", 0},
-    {"layer", OPTION_LAYER, NULL, OPTION_HIDDEN, NULL, 0},
+    {"layer", OPTION_LAYER, NULL, 0,
+     "Measure what the layer's levels cost an application, on that driver (default: as for `run`)", 0},
     {0},
 };
 
@@ -61,7 +63,7 @@ struct arguments {
     const char *out, *driver;
     const char **scenes;
     uint32_t scene_count;
-    bool list, rays_given, runs_given;
+    bool list, layer, rays_given, runs_given;
 };
 
 static error_t parse(int key, char *argument, struct argp_state *state)
@@ -113,7 +115,7 @@ static error_t parse(int key, char *argument, struct argp_state *state)
         arguments->driver = argument;
         break;
     case OPTION_LAYER:
-        argp_error(state, "--layer is not in this version: the tiers of the reference are measured");
+        arguments->layer = true;
         break;
     case ARGP_KEY_ARG:
         argp_error(state, "expected options only, found '%s'; a scene is named by --scene", argument);
@@ -294,6 +296,8 @@ static int measure(struct gn_accuracy *accuracy, const char *out, struct gn_aren
     gn_accuracy_print_choice(stdout, accuracy);
     if (accuracy->driver)
         gn_accuracy_driver_print(stdout, accuracy);
+    if (accuracy->layer)
+        gn_accuracy_layer_print(stdout, accuracy);
     if (!write_files(accuracy, out, arena, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s\n", error);
         return 3;
@@ -331,6 +335,7 @@ int gn_command_accuracy(int argc, char **argv)
     struct gn_arena arena = {0};
     struct gn_accuracy accuracy = {0};
     struct gn_accuracy_driver driver = {0};
+    struct gn_accuracy_layer layer = {0};
     const char *icd = NULL;
     char error[1024];
     int exit_status = 2;
@@ -348,7 +353,7 @@ int gn_command_accuracy(int argc, char **argv)
         exit_status = list_scenes();
         goto done;
     }
-    if (arguments.driver) {
+    if (arguments.driver || arguments.layer) {
         icd = gn_driver_resolve(arguments.driver, &arena, error, sizeof error);
         if (!icd) {
             fprintf(stderr, "gnomon: --driver: %s\n", error);
@@ -394,12 +399,20 @@ int gn_command_accuracy(int argc, char **argv)
         goto done;
     }
     /* First, because it forks, which is for a process without threads. */
-    if (icd) {
+    if (arguments.driver) {
         if (!gn_accuracy_driver_measure(&accuracy, icd, &arena, &driver, &exit_status, error, sizeof error)) {
             fprintf(stderr, "gnomon: --driver: %s\n", error);
             goto done;
         }
         accuracy.driver = &driver;
+    }
+    if (arguments.layer) {
+        if (!gn_accuracy_layer_measure(&accuracy, icd, &arena, &layer, error, sizeof error)) {
+            fprintf(stderr, "gnomon: --layer: %s\n", error);
+            exit_status = 3;
+            goto done;
+        }
+        accuracy.layer = &layer;
     }
     exit_status = measure(&accuracy, arguments.out, &arena);
 done:

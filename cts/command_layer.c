@@ -61,8 +61,7 @@ static error_t parse(int key, char *value, struct argp_state *state)
     return 0;
 }
 
-/* The folder of the layer, beside that of this program; "" with a message if it is not there. */
-static void find_layer(char *out, size_t size)
+void gn_layer_find(char *out, size_t size)
 {
     char self[4096], file[4400];
     ssize_t length = readlink("/proc/self/exe", self, sizeof self - 1);
@@ -410,7 +409,7 @@ int gn_command_layer(int argc, char **argv)
     int exit_status = 3, status = 0;
     if (argp_parse(&parser, argc, argv, ARGP_IN_ORDER, NULL, &arguments) != 0)
         return 2;
-    find_layer(layer, sizeof layer);
+    gn_layer_find(layer, sizeof layer);
     if (!*layer)
         return 3;
     enable_layer(&arguments, layer);

@@ -4,6 +4,8 @@
 #ifndef GNOMON_CTS_COMMANDS_H
 #define GNOMON_CTS_COMMANDS_H
 
+#include <stddef.h>
+
 int gn_command_run(int argc, char **argv);
 int gn_command_gate(int argc, char **argv);
 int gn_command_merge(int argc, char **argv);
@@ -13,6 +15,9 @@ int gn_command_accuracy(int argc, char **argv);
 int gn_command_effects(int argc, char **argv);
 int gn_command_rules(int argc, char **argv);
 int gn_command_layer(int argc, char **argv);
+
+/* The folder of the layer, beside that of this program; "" with a message on stderr if it is not there. */
+void gn_layer_find(char *out, size_t size);
 
 /* What the user types for this program: GNOMON_COMMAND, which a wrapper may set, or argv[0] of main(). */
 extern const char *gn_command_name;

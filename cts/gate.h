@@ -105,4 +105,11 @@ bool gn_gate_write(const struct gn_gate *gate, const char *out, char *out_error,
 void gn_gate_print(const struct gn_gate *gate, const char *out);
 void gn_gate_finish(struct gn_gate *gate);
 
+struct gn_process;
+/* Starts a worker that opens the driver. False with a message. The process has to be ended in any case. */
+bool gn_gate_open(struct gn_process *process, const char *driver, char *out_error, size_t error_size);
+/* Measures one item in it, once. False when the process is of no use any more; *out_missing is why there is no value, or "". */
+bool gn_gate_item_measure(struct gn_process *process, const struct gn_bench_item *item, double *out_value,
+                          struct gn_arena *arena, const char **out_missing);
+
 #endif

@@ -99,7 +99,7 @@ static char *next_line(struct gn_process *process, double timeout)
     }
 }
 
-static bool open_driver(struct gn_process *process, const char *driver, char *out_error, size_t error_size)
+bool gn_gate_open(struct gn_process *process, const char *driver, char *out_error, size_t error_size)
 {
     if (!gn_process_start(process, driver, 1, 1, out_error, error_size))
         return false;
@@ -111,9 +111,8 @@ static bool open_driver(struct gn_process *process, const char *driver, char *ou
     return false;
 }
 
-/* False when the process is of no use any more. */
-static bool measure(struct gn_process *process, const struct gn_bench_item *item, double *out_value,
-                    struct gn_arena *arena, const char **out_missing)
+bool gn_gate_item_measure(struct gn_process *process, const struct gn_bench_item *item, double *out_value,
+                          struct gn_arena *arena, const char **out_missing)
 {
     char text[128];
     snprintf(text, sizeof text, "%s%s", GN_WORKER_BENCH, item->name);
@@ -141,7 +140,7 @@ static bool round_of(struct gn_gate *gate, struct gn_gate_time *time, struct gn_
     for (uint32_t k = 0; k < 2 && !*time->missing; k++) {
         uint32_t which = (round + k) % 2;
         const char *missing = "";
-        bool usable = measure(&processes[which], time->item, &values[which], &gate->now->arena, &missing);
+        bool usable = gn_gate_item_measure(&processes[which], time->item, &values[which], &gate->now->arena, &missing);
         if (*missing)
             time->missing = gn_arena_printf(&gate->now->arena, "%s driver: %s", which ? "old" : "new", missing);
         if (!usable)
@@ -183,7 +182,7 @@ bool gn_gate_measure(struct gn_gate *gate, const char *now_driver, const char *b
         setenv(cache_switches[i][0], cache_switches[i][1], 1);
     }
     for (int which = 0; which < 2 && ok; which++)
-        ok = open_driver(&processes[which], drivers[which], out_error, error_size);
+        ok = gn_gate_open(&processes[which], drivers[which], out_error, error_size);
     for (size_t i = 0; i < gate->time_count && ok; i++) {
         struct gn_gate_time *time = &gate->times[i];
         uint32_t least = time->item->bytes ? 1 : FIRST_ROUNDS;

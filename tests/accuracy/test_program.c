@@ -219,6 +219,41 @@ static void a_driver_is_measured(void **state)
     expect_text("out.txt", "refitted_far");
 }
 
+/* The levels of the layer that was built beside the program, on a real driver. */
+static void the_layer_is_measured(void **state)
+{
+    (void)state;
+    static const char *const levels[] = {"off", "state", "state+shaders"};
+    int status = RUN("--quick", "--rays", "200", "--runs", "1", "--scene", "soup", "--layer", "--out", "l");
+    size_t length = 0;
+    if (status != 0)
+        fail_msg("expected 0, found %d: %s", status, read_all("err.txt", &length));
+    char *text = read_all("l/accuracy.json", &length);
+    yyjson_doc *doc = yyjson_read(text, length, 0);
+    yyjson_arr_iter all = yyjson_arr_iter_with(yyjson_doc_get_root(doc));
+    yyjson_val *row;
+    uint32_t counts[3] = {0};
+    while ((row = yyjson_arr_iter_next(&all))) {
+        const char *level = yyjson_get_str(yyjson_obj_get(row, "level"));
+        if (!level)
+            continue;
+        assert_int_equal(yyjson_obj_size(row), 4);
+        assert_true(yyjson_is_str(yyjson_obj_get(row, "workload")));
+        assert_true(yyjson_get_num(yyjson_obj_get(row, "seconds")) > 0);
+        double ratio = yyjson_get_num(yyjson_obj_get(row, "ratio_to_off"));
+        assert_true(strcmp(level, "off") == 0 ? ratio == 1 : ratio > 0);
+        for (size_t i = 0; i < 3; i++)
+            counts[i] += strcmp(level, levels[i]) == 0;
+    }
+    /* A level that had something to say of a valid application would be left out. */
+    for (size_t i = 0; i < 3; i++)
+        if (counts[i] < 10 || counts[i] != counts[0])
+            fail_msg("%s: %u workloads, without a layer %u", levels[i], counts[i], counts[0]);
+    yyjson_doc_free(doc);
+    free(text);
+    expect_text("l/accuracy.html", "The layer: what its levels cost");
+}
+
 static void wrong_usage_is_refused(void **state)
 {
     (void)state;
@@ -237,7 +272,6 @@ static void wrong_usage_is_refused(void **state)
         {{"--rays", "0"}, "--rays: expected a whole number"},
         {{"--runs", "4"}, "--runs: expected an odd number"},
         {{"--driver", "missing_icd.json"}, "missing_icd.json"},
-        {{"--layer"}, "--layer is not in this version"},
         {{"terrain"}, "a scene is named by --scene"},
         {{"--nonsense"}, "--nonsense"},
         {{"--quick", "--scene", "soup", "--out", "bad.obj"}, "bad.obj"},
@@ -270,6 +304,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(a_quick_run_writes_what_it_says),
         cmocka_unit_test(a_model_file_is_a_scene),
         cmocka_unit_test(a_driver_is_measured),
+        cmocka_unit_test(the_layer_is_measured),
         cmocka_unit_test(wrong_usage_is_refused),
     };
     if (argc < 2)
