@@ -96,7 +96,8 @@ static bool lives_again(struct gn_device *device, const struct gn_as *as)
     return false;
 }
 
-bool gn_members_look(struct gn_device *device, struct gn_members *members, uint32_t queue, uint64_t position)
+bool gn_members_look(struct gn_device *device, struct gn_members *members, uint32_t queue, uint64_t position,
+                     const struct gn_clock *seen)
 {
     const struct gn_changes *changes = &device->changes;
     if (!members->complete || members->next_change < changes->dropped)
@@ -111,7 +112,7 @@ bool gn_members_look(struct gn_device *device, struct gn_members *members, uint3
             continue;
         struct gn_as *as = members->structures[known - 1];
         if (change->kind == GN_CHANGE_WRITTEN &&
-            (change->queue != queue || members->queue != queue || !gn_as_sure(as, queue, position)))
+            (change->queue != queue || members->queue != queue || !gn_as_sure(as, queue, position, seen)))
             continue;
         if (change->kind == GN_CHANGE_DESTROYED && lives_again(device, as))
             continue;

@@ -49,6 +49,11 @@ static bool grow(struct roll *roll)
 /* UINT32_MAX - 2 stands for "no memory": the caller gives up. */
 #define NO_MEMORY 0xFFFFFFFDu
 
+static const struct gn_clock *seen_by(const struct roll *roll)
+{
+    return roll->judgement ? &roll->judgement->seen : NULL;
+}
+
 static uint32_t look_up(struct roll *roll, uint64_t reference)
 {
     if (!reference)
@@ -60,7 +65,7 @@ static uint32_t look_up(struct roll *roll, uint64_t reference)
     }
     struct gn_device *device = roll->device;
     const struct gn_as *as = roll->by_handle ? gn_map_get(&device->structures, reference)
-                                             : gn_as_at(device, reference, roll->queue, roll->position);
+                                             : gn_as_at(device, reference, roll->queue, roll->position, seen_by(roll));
     bool destroyed = !as && !roll->by_handle && (as = gn_as_formerly_at(device, reference));
     if (!as)
         return GN_REFERENCE_UNKNOWN;
@@ -70,7 +75,7 @@ static uint32_t look_up(struct roll *roll, uint64_t reference)
     roll->structures[roll->count] = (struct gn_structure){.object = {as->kind, (uint64_t)as->handle, as->name},
                                                           .id = as->id,
                                                           .address = as->address,
-                                                          .built = gn_as_built(as, roll->queue, roll->position),
+                                                          .built = gn_as_built(as, roll->queue, roll->position, seen_by(roll)),
                                                           .same_call = as->mark == roll->position && as != roll->tlas,
                                                           .is_top = as->levels == GN_LEVEL_TOP,
                                                           .destroyed = destroyed};

@@ -374,6 +374,7 @@ struct gn_judgement {
     uint64_t submission;
     uint64_t version; /* of the TLAS, once it is built */
     struct gn_clock host; /* what the host knew to be over when it submitted */
+    struct gn_clock seen; /* what had happened in other queues */
     struct gn_judgement *next;
 };
 
@@ -384,6 +385,7 @@ struct gn_suspicion {
     struct gn_as *structures[2]; /* NULL if not concerned */
     uint32_t queue;
     uint64_t position;
+    struct gn_clock seen; /* what had happened in other queues */
     struct gn_suspicion *next;
 };
 
@@ -393,6 +395,7 @@ struct gn_pending_use {
     uint64_t version, position;
     uint32_t queue;
     bool certain;
+    struct gn_clock seen;
     struct gn_pending_use *next;
     char place[]; /* of the command */
 };
@@ -570,16 +573,17 @@ void gn_as_release(struct gn_as *as);
 void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, uint64_t position);
 /* Says what that was. The shape is kept; NULL: not known. */
 void gn_as_holds(struct gn_as *as, enum gn_made made, bool compacted, struct gn_build_shape *shape);
-/* Whether all that is known to have written the structure is ordered against an event of `queue` at `position`. */
-bool gn_as_sure(const struct gn_as *as, uint32_t queue, uint64_t position);
+/* Whether all that is known to have written the structure is ordered against an event of `queue` at `position`, which comes after what
+ * the clock says of the other queues (NULL: not known). */
+bool gn_as_sure(const struct gn_as *as, uint32_t queue, uint64_t position, const struct gn_clock *seen);
 struct gn_build_shape *gn_shape_create(const VkAccelerationStructureBuildGeometryInfoKHR *info,
                                        const VkAccelerationStructureBuildRangeInfoKHR *ranges);
 struct gn_build_shape *gn_shape_keep(struct gn_build_shape *shape);
 void gn_shape_release(struct gn_build_shape *shape);
 /* The state of the build of `as`, seen from `queue` at `position`. */
-enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position);
+enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position, const struct gn_clock *seen);
 /* The structure that owned `address` for an event at `position`; where several did, the one whose build speaks best. */
-struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position);
+struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position, const struct gn_clock *seen);
 /* A structure of GENERIC type is now also known as one of `levels`. */
 static inline void gn_as_level(struct gn_as *as, unsigned levels)
 {
@@ -597,7 +601,8 @@ void gn_members_set(struct gn_device *device, struct gn_as *tlas, uint64_t versi
                     const struct gn_as *const *structures, uint32_t count);
 void gn_members_free(struct gn_members *members);
 /* Counts what has happened before `position`; false if that is not known any more. */
-bool gn_members_look(struct gn_device *device, struct gn_members *members, uint32_t queue, uint64_t position);
+bool gn_members_look(struct gn_device *device, struct gn_members *members, uint32_t queue, uint64_t position,
+                     const struct gn_clock *seen);
 void gn_change_add(struct gn_device *device, const struct gn_as *as, enum gn_change_kind kind, uint32_t queue,
                    uint64_t position);
 void gn_changes_finish(struct gn_device *device);
@@ -623,7 +628,7 @@ void gn_render_passes_finish(struct gn_device *device);
 /* use.c, descriptor.c, module.c; with the device locked. */
 void gn_use_free(struct gn_use *use);
 int gn_use_troubles(struct gn_device *device, struct gn_as *tlas, uint64_t version, uint32_t queue, uint64_t position,
-                    bool certain, struct gn_trouble out[GN_TROUBLE_KINDS]);
+                    const struct gn_clock *seen, bool certain, struct gn_trouble out[GN_TROUBLE_KINDS]);
 void gn_bound_free(struct gn_bound *bound);
 void gn_descriptors_finish(struct gn_device *device);
 void gn_modules_finish(struct gn_device *device);

@@ -25,7 +25,7 @@ void gn_pending_use_settle(struct gn_device *device, struct gn_pending_use *use,
 {
     struct gn_trouble troubles[GN_TROUBLE_KINDS];
     int count = completed && !atomic_load_explicit(&device->incomplete, memory_order_relaxed)
-                    ? gn_use_troubles(device, use->tlas, use->version, use->queue, use->position, use->certain, troubles)
+                    ? gn_use_troubles(device, use->tlas, use->version, use->queue, use->position, &use->seen, use->certain, troubles)
                     : -1;
     if (count < 0)
         gn_tally_unjudged(device, GN_UNJUDGED_unknown_contents, 1);
@@ -101,7 +101,8 @@ static void expect_judgement(struct gn_replay *replay, struct gn_recording *reco
                                        .position = position,
                                        .submission = replay->number,
                                        .version = event->target ? event->target->writes : 0,
-                                       .host = replay->host};
+                                       .host = replay->host,
+                                       .seen = replay->queue->clock};
     if (event->target)
         event->target->judging++;
     capture->pending = judgement;
@@ -149,14 +150,14 @@ static enum gn_command_kind command_of(const struct gn_event *event)
     }
 }
 
-static struct gn_contents contents_of(const struct gn_as *as, uint32_t queue, uint64_t position)
+static struct gn_contents contents_of(const struct gn_as *as, const struct gn_queue *queue, uint64_t position)
 {
     if (!as)
         return (struct gn_contents){.structure.object.kind = GN_OBJECT_NONE};
     return (struct gn_contents){.structure = {.object = {as->kind, (uint64_t)as->handle, as->name},
                                               .id = as->id,
                                               .address = as->address,
-                                              .built = gn_as_built(as, queue, position)},
+                                              .built = gn_as_built(as, queue->id, position, &queue->clock)},
                                 .made = as->made,
                                 .compacted = as->compacted,
                                 .shape = as->shape ? &as->shape->shape : NULL,
@@ -243,7 +244,8 @@ void gn_replay_suspect(struct gn_replay *replay, const struct gn_event *event, s
             gn_tally_lost(device);
             continue;
         }
-        *suspicion = (struct gn_suspicion){.finding = finding, .queue = replay->queue->id, .position = position};
+        *suspicion = (struct gn_suspicion){.finding = finding, .queue = replay->queue->id, .position = position,
+                                           .seen = replay->queue->clock};
         if (by_state) {
             suspicion->structures[0] = gn_as_keep(event->source);
             suspicion->structures[1] = gn_as_keep(event->target);
@@ -268,7 +270,8 @@ static void expect_use(struct gn_replay *replay, const struct gn_event *event, c
                                    .version = tlas->writes,
                                    .position = position,
                                    .queue = replay->queue->id,
-                                   .certain = entry->certain};
+                                   .certain = entry->certain,
+                                   .seen = replay->queue->clock};
     memcpy(use->place, text, strlen(text) + 1);
     *submission->last_use = use;
     submission->last_use = &use->next;
@@ -276,11 +279,10 @@ static void expect_use(struct gn_replay *replay, const struct gn_event *event, c
 
 static void suspect_command(struct gn_replay *replay, const struct gn_event *event, enum gn_command_kind kind, uint64_t position)
 {
-    uint32_t queue = replay->queue->id;
     struct gn_command command = {.kind = kind,
                                  .shape = event->shape ? &event->shape->shape : NULL,
-                                 .source = contents_of(event->source, queue, position),
-                                 .target = contents_of(event->target, queue, position)};
+                                 .source = contents_of(event->source, replay->queue, position),
+                                 .target = contents_of(event->target, replay->queue, position)};
     gn_replay_suspect(replay, event, &(struct gn_suspect){.judge = judge_command, .value = &command, .place = &command.place}, true,
             position);
     gn_tally_check(replay->device, GN_CHECKED_commands, 1);
@@ -320,10 +322,10 @@ static void moved(struct gn_as *source, const struct gn_as *target)
 }
 
 /* What the target holds once the event has been executed. A source that another queue may have changed says nothing. */
-static void fill(const struct gn_event *event, uint32_t queue, uint64_t position)
+static void fill(const struct gn_event *event, const struct gn_queue *queue, uint64_t position)
 {
     struct gn_as *target = event->target, *source = event->source;
-    if (source && source != target && !gn_as_sure(source, queue, position))
+    if (source && source != target && !gn_as_sure(source, queue->id, position, &queue->clock))
         source = NULL;
     switch (event->kind) {
     case GN_EVENT_BUILD:
@@ -369,7 +371,7 @@ static void replay_read(struct gn_replay *replay, const struct gn_event *event, 
     tlas->used_version = tlas->writes;
     tlas->used_certainly = entry->certain;
     gn_replay_trace(replay, event, tlas, entry->stages, entry->certain, position);
-    enum gn_built built = gn_as_built(tlas, queue, position);
+    enum gn_built built = gn_as_built(tlas, queue, position, &replay->queue->clock);
     if (built == GN_BUILT_NEVER) {
         troubles[count++] = (struct gn_trouble){.kind = GN_TROUBLE_NEVER_BUILT,
                                                 .certain = entry->certain,
@@ -379,7 +381,7 @@ static void replay_read(struct gn_replay *replay, const struct gn_event *event, 
         expect_use(replay, event, entry, tlas, position);
         return;
     } else {
-        count = gn_use_troubles(device, tlas, tlas->writes, queue, position, entry->certain, troubles);
+        count = gn_use_troubles(device, tlas, tlas->writes, queue, position, &replay->queue->clock, entry->certain, troubles);
     }
     if (count < 0)
         gn_tally_unjudged(device, GN_UNJUDGED_unknown_contents, 1);
@@ -457,7 +459,7 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
                               .command = gn_event_command(event),
                               .command_buffer = replay->command_buffer};
         gn_as_written(device, event->target, replay->queue->id, position);
-        fill(event, replay->queue->id, position);
+        fill(event, replay->queue, position);
         gn_tally_check(device, GN_CHECKED_builds, 1);
         if (!event->is_tlas) {
             for (struct gn_capture *capture = event->capture; capture; capture = capture->next)

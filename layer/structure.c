@@ -59,11 +59,17 @@ void gn_as_holds(struct gn_as *as, enum gn_made made, bool compacted, struct gn_
 }
 
 /* What the host wrote before the submission happened before it. */
-bool gn_as_sure(const struct gn_as *as, uint32_t queue, uint64_t position)
+static bool has_seen(const struct gn_clock *seen, uint32_t queue, uint64_t position)
+{
+    return seen && queue < GN_MAX_CLOCKS && seen->at[queue] >= position;
+}
+
+bool gn_as_sure(const struct gn_as *as, uint32_t queue, uint64_t position, const struct gn_clock *seen)
 {
     bool sure = !as->shared;
     for (uint32_t i = 0; i < as->built_count; i++)
-        sure &= as->built[i].queue == queue || (as->built[i].queue == GN_QUEUE_HOST && as->built[i].last < position);
+        sure &= as->built[i].queue == queue || (as->built[i].queue == GN_QUEUE_HOST && as->built[i].last < position) ||
+                has_seen(seen, as->built[i].queue, as->built[i].last);
     return sure;
 }
 
@@ -113,7 +119,7 @@ void gn_shape_release(struct gn_build_shape *shape)
 
 /* What the host builds before the submission of a command happens before it. Any other pair of queues is ordered by
  * semaphores, in ways that submission order does not show. */
-enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position)
+enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t position, const struct gn_clock *seen_by)
 {
     enum gn_built best = GN_BUILT_NEVER;
     for (uint32_t i = 0; i < as->built_count; i++) {
@@ -123,7 +129,8 @@ enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t posit
             seen = built->position < position    ? GN_BUILT_BEFORE
                    : built->position == position ? GN_BUILT_SAME_CALL
                                                  : GN_BUILT_LATER;
-        else if (built->queue == GN_QUEUE_HOST && built->position < position)
+        else if ((built->queue == GN_QUEUE_HOST && built->position < position) ||
+                 has_seen(seen_by, built->queue, built->position))
             seen = GN_BUILT_BEFORE;
         else
             seen = GN_BUILT_UNORDERED;
@@ -138,13 +145,13 @@ enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t posit
 
 /* Several structures may share an address: one that was destroyed since, one that was created since, or two that alias the same
  * memory. The reader is given the benefit of the doubt. */
-struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position)
+struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position, const struct gn_clock *seen)
 {
     struct gn_as *found = NULL;
     for (struct gn_as *as = gn_map_get(&device->addresses, address); as; as = as->same_address) {
         if (as->destroyed_at && as->destroyed_at < position)
             continue;
-        enum gn_built built = gn_as_built(as, queue, position);
+        enum gn_built built = gn_as_built(as, queue, position, seen);
         if (!found || (built != GN_BUILT_NEVER && built != GN_BUILT_LATER))
             found = as;
         if (built == GN_BUILT_BEFORE)

@@ -80,7 +80,7 @@ static void suspicion_settle(struct gn_device *device, struct gn_suspicion *susp
     bool sure = completed && !atomic_load_explicit(&device->incomplete, memory_order_relaxed);
     for (int i = 0; i < 2; i++) {
         struct gn_as *as = suspicion->structures[i];
-        sure &= !as || gn_as_sure(as, suspicion->queue, suspicion->position);
+        sure &= !as || gn_as_sure(as, suspicion->queue, suspicion->position, &suspicion->seen);
         gn_as_release(as);
     }
     if (sure) {

@@ -237,12 +237,13 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdDrawMeshTasksEXT(VkCommandBuffer handle, 
 /* One value for the rules per thing that is wrong with the TLAS as the command finds it. Returns how many there are; -1: what the
  * TLAS holds is not known. */
 int gn_use_troubles(struct gn_device *device, struct gn_as *tlas, uint64_t version, uint32_t queue, uint64_t position,
-                    bool certain, struct gn_trouble out[GN_TROUBLE_KINDS])
+                    const struct gn_clock *seen, bool certain, struct gn_trouble out[GN_TROUBLE_KINDS])
 {
     int count = 0;
     struct gn_members *members = tlas->members;
-    if (!members || members->version != version || members->queue != queue ||
-        !gn_members_look(device, members, queue, position))
+    if (!members || members->version != version ||
+        (members->queue != queue && (members->queue >= GN_MAX_CLOCKS || seen->at[members->queue] < members->position)) ||
+        !gn_members_look(device, members, queue, position, seen))
         return -1;
     static const enum gn_trouble_kind kinds[GN_CHANGE_COUNT] = {[GN_CHANGE_WRITTEN] = GN_TROUBLE_REBUILT,
                                                                 [GN_CHANGE_DESTROYED] = GN_TROUBLE_DESTROYED,

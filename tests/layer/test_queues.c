@@ -253,7 +253,7 @@ static void fixture_init(struct fixture *fixture)
     fixture->structure = make(fixture);
     fixture->target = make(fixture);
 
-    /* Command buffer 0 builds, 1 copies, 2 copies after a barrier from the vertex stage. */
+    /* Command buffer 0 builds, 1 copies, 2 copies after a barrier from the vertex stage, 3 compacts. */
     VkAccelerationStructureGeometryKHR geometry = {.geometryType = VK_GEOMETRY_TYPE_AABBS_KHR};
     VkAccelerationStructureBuildGeometryInfoKHR info = {.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
                                                         .dstAccelerationStructure = fixture->structure,
@@ -269,6 +269,8 @@ static void fixture_init(struct fixture *fixture)
     gn_entry_CmdPipelineBarrier(fixture->commands[2], VK_PIPELINE_STAGE_VERTEX_SHADER_BIT,
                                 VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR, 0, 1, &memory, 0, NULL, 0, NULL);
     gn_entry_CmdCopyAccelerationStructureKHR(fixture->commands[2], &copied);
+    copied.mode = VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR;
+    gn_entry_CmdCopyAccelerationStructureKHR(fixture->commands[3], &copied);
 }
 
 static void fixture_finish(struct fixture *fixture)
@@ -294,6 +296,7 @@ struct link {
 #define BUILD 0
 #define COPY 1
 #define COPY_AFTER_VERTEX 2
+#define COMPACT 3
 #define NOTHING (-1)
 
 static void submit(struct fixture *fixture, int queue, int commands, struct link wait, struct link signal, VkFence fence)
@@ -579,8 +582,28 @@ static void every_row(void **state)
     assert_int_equal(failures, 0);
 }
 
+/* What was built without ALLOW_COMPACTION on another queue is known to be, if that comes before. */
+static void state_passes_between_queues(void **state)
+{
+    (void)state;
+    for (unsigned ordered = 0; ordered < 2; ordered++) {
+        struct fixture *fixture = calloc(1, sizeof *fixture);
+        fixture_init(fixture);
+        for (size_t r = 0; r < gn_rules_count(); r++)
+            if (!gn_rule_matches(gn_rules_at(r), "compaction.not_allowed"))
+                gn_rule_set_put(&fixture->instance.settings.rules, r, false);
+        submit(fixture, 1, COMPACT, ordered ? link_of(fixture->timeline[0], 1) : NONE, NONE, VK_NULL_HANDLE);
+        submit(fixture, 0, BUILD, NONE, link_of(fixture->timeline[0], 1), VK_NULL_HANDLE);
+        fence_status = VK_SUCCESS;
+        gn_device_collect(fixture->device);
+        assert_int_equal(fixture->instance.findings, ordered);
+        fixture_finish(fixture);
+        free(fixture);
+    }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row), cmocka_unit_test(state_passes_between_queues)};
     return cmocka_run_group_tests_name("queues", tests, NULL, NULL);
 }
