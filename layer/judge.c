@@ -197,6 +197,7 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
         contents.info = capture->info;
         contents.geometry = capture->geometry;
         gn_report_geometry(device->instance, &contents, out);
+        gn_refit_geometry(device, judgement, &contents, place, out);
         gn_tally_check(device, GN_CHECKED_geometries, 1);
         return;
     }

@@ -72,6 +72,7 @@ struct gn_messenger {
 
 struct gn_log;
 struct gn_accesses;
+struct gn_digest;
 struct gn_barriers;
 struct gn_batch;
 struct gn_bound;
@@ -196,6 +197,8 @@ struct gn_as {
     struct gn_build_shape *shape;      /* of the build that the contents come from; NULL: not known */
     uint64_t base;                     /* of its memory; a range of its own where that has no address */
     struct gn_write last_writes[4];    /* a ring, by `writes` */
+    struct gn_digest *digests;         /* of what its last build or update has read (refit.c) */
+    uint32_t digest_count;
     uint64_t writes;                   /* counts everything that was written into it */
     struct gn_members *members;        /* of a TLAS, once a build of it was judged */
     uint64_t used_in, used_version;    /* the submission that read it last, and what it read */
@@ -375,6 +378,9 @@ struct gn_judgement {
     uint64_t version; /* of the TLAS, once it is built */
     struct gn_clock host; /* what the host knew to be over when it submitted */
     struct gn_clock seen; /* what had happened in other queues */
+    struct gn_as *source; /* of an update; NULL: a build, or not known for sure */
+    uint64_t source_version;
+    bool may_update; /* an update may follow, or this is one */
     struct gn_judgement *next;
 };
 
@@ -621,6 +627,10 @@ void gn_host_saw_all(struct gn_device *device);
 /* order.c; with the device locked: whether what wrote the BLASes of a TLAS build comes before it. */
 void gn_order_instances(struct gn_device *device, const struct gn_as *const *structures, uint32_t count,
                         const struct gn_judgement *judgement, const char *place, struct gn_findings *out);
+
+/* refit.c; with the device locked. Holds what an update has read against what came before. */
+void gn_refit_geometry(struct gn_device *device, const struct gn_judgement *judgement, const struct gn_geometry_contents *contents,
+                       const char *place, struct gn_findings *out);
 
 /* barrier.c */
 void gn_render_passes_finish(struct gn_device *device);

@@ -85,6 +85,11 @@ static void expect_judgement(struct gn_replay *replay, struct gn_recording *reco
     const struct gn_event *event = &recording->events[index];
     struct gn_device *device = replay->device;
     struct gn_judgement *judgement = NULL;
+    /* The target has been written by now. */
+    struct gn_as *source = event->is_update ? event->source : NULL;
+    uint64_t source_version = source ? source->writes - (source == event->target) : 0;
+    if (source && !gn_as_sure(source, replay->queue->id, position, &replay->queue->clock))
+        source = NULL;
     if (capture->pending)
         settle_early(device, recording, capture, replay->findings);
     if (!gn_replay_submission(replay))
@@ -102,7 +107,11 @@ static void expect_judgement(struct gn_replay *replay, struct gn_recording *reco
                                        .submission = replay->number,
                                        .version = event->target ? event->target->writes : 0,
                                        .host = replay->host,
-                                       .seen = replay->queue->clock};
+                                       .seen = replay->queue->clock,
+                                       .source = gn_as_keep(source),
+                                       .source_version = source_version,
+                                       .may_update = event->is_update || !event->shape ||
+                                                     (event->shape->shape.flags & GN_BUILD_ALLOW_UPDATE)};
     if (event->target)
         event->target->judging++;
     capture->pending = judgement;

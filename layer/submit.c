@@ -71,6 +71,7 @@ static void judgement_free(struct gn_device *device, struct gn_judgement *judgem
     if (judgement->tlas)
         judgement->tlas->judging--;
     gn_as_release(judgement->tlas);
+    gn_as_release(judgement->source);
     free(judgement);
 }
 

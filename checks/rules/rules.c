@@ -236,6 +236,18 @@ void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report)
     report->rule = NULL;
 }
 
+void gn_rules_judge_refit(const struct gn_refit *refit, struct gn_report *report)
+{
+    for (size_t i = 0; i < CATALOGUE_COUNT; i++) {
+        if (!applies(i, GN_RULE_ON_REFIT, report))
+            continue;
+        report->rule = catalogue[i];
+        catalogue[i]->test.refit(refit, report);
+        gn_rule_set_put(&report->evaluated, i, true);
+    }
+    report->rule = NULL;
+}
+
 void gn_rules_judge_hazard(const struct gn_hazard *hazard, struct gn_report *report)
 {
     for (size_t i = 0; i < CATALOGUE_COUNT; i++) {

@@ -46,6 +46,7 @@ enum gn_rule_event {
     GN_RULE_ON_CLASH,
     GN_RULE_ON_USE,
     GN_RULE_ON_HAZARD,
+    GN_RULE_ON_REFIT,
     GN_RULE_ON_DEMAND,
     GN_RULE_ON_GEOMETRY,
     GN_RULE_ON_SBT
@@ -70,6 +71,7 @@ struct gn_rule {
         void (*command)(const struct gn_command *command, struct gn_report *report);
         void (*input)(const struct gn_input *input, struct gn_report *report);
         void (*clash)(const struct gn_clash *clash, struct gn_report *report);
+        void (*refit)(const struct gn_refit *refit, struct gn_report *report);
         void (*hazard)(const struct gn_hazard *hazard, struct gn_report *report);
         void (*use)(const struct gn_trouble *use, struct gn_report *report);
         void (*demand)(const struct gn_demand *demand, struct gn_report *report);
@@ -129,6 +131,7 @@ void gn_rules_judge_tlas_build(const struct gn_tlas_build *build, struct gn_repo
 void gn_rules_judge_command(const struct gn_command *command, struct gn_report *report);
 void gn_rules_judge_input(const struct gn_input *input, struct gn_report *report);
 void gn_rules_judge_clash(const struct gn_clash *clash, struct gn_report *report);
+void gn_rules_judge_refit(const struct gn_refit *refit, struct gn_report *report);
 void gn_rules_judge_hazard(const struct gn_hazard *hazard, struct gn_report *report);
 void gn_rules_judge_use(const struct gn_trouble *use, struct gn_report *report);
 void gn_rules_judge_demand(const struct gn_demand *demand, struct gn_report *report);

@@ -93,7 +93,7 @@ const struct gn_rule gn_rule_use_blas_destroyed = {
             "speaks where some invocation of the command certainly traces through the TLAS.",
     .remedy = "Build the TLAS again without the BLAS, or with the address of the copy that replaces it (after compaction), before the old one "
               "is destroyed; keep the old one until the last trace through the old TLAS has completed.",
-    .sources = {"VUID-vkDestroyAccelerationStructureKHR-accelerationStructure-02442", "WG-018", "WG-020"},
+    .sources = {"Vulkan: Top Level Acceleration Structures", "WG-018", "WG-020"},
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_USE,
     .test.use = blas_destroyed,
@@ -104,7 +104,7 @@ const struct gn_rule gn_rule_use_blas_destroyed_bound = {
     .title = "A TLAS whose BLAS is gone is bound to a shader that may trace through it",
     .text = "The same as use.blas_destroyed where the shader names the TLAS, but may not trace through it in this command.",
     .remedy = "Build the TLAS again without the BLAS that is gone, or make sure that the shader does not reach the trace.",
-    .sources = {"VUID-vkDestroyAccelerationStructureKHR-accelerationStructure-02442", "WG-018", "WG-020"},
+    .sources = {"Vulkan: Top Level Acceleration Structures", "WG-018", "WG-020"},
     .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_NOTE,
                  [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,
                  [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_NOTE,

@@ -197,6 +197,17 @@ struct gn_trouble {
     uint64_t count, total; /* how often it happened; how many BLASes the TLAS has */
 };
 
+/* What an update reads, held against what the build or update that it starts from has read. */
+struct gn_refit {
+    const char *place;
+    struct gn_object target;
+    uint64_t target_id;
+    uint32_t geometry;
+    bool indices_changed;
+    bool activity_changed; /* some primitive has become active, or inactive */
+    uint64_t inactive_before, inactive, total;
+};
+
 /* Two accesses of the same memory, one of them a write, that nothing orders as they should be. */
 enum gn_hazard_kind {
     GN_HAZARD_INSTANCE,      /* a TLAS build reads a BLAS */

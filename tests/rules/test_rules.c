@@ -540,6 +540,20 @@ static const struct hazard_row {
     {"sync.binding_table", "input", GN_HAZARD_INPUT, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
 };
 
+static const struct refit_row {
+    const char *rule, *name;
+    bool indices, activity;
+    uint32_t expected;
+    const char *says;
+} refit_rows[] = {
+    {"update.indices_changed", "other indices", true, false, 1, "with other indices in geometry 1"},
+    {"update.indices_changed", "other activity", false, true, 0, NULL},
+    {"update.activity_changed", "other activity", false, true, 1, "3 of 10 are inactive, 2 were"},
+    {"update.activity_changed", "the same", false, false, 0, NULL},
+};
+
+#define REFIT_ROW_COUNT (sizeof refit_rows / sizeof refit_rows[0])
+
 #define HAZARD_ROW_COUNT (sizeof hazard_rows / sizeof hazard_rows[0])
 
 #define USE_ROW_COUNT (sizeof use_rows / sizeof use_rows[0])
@@ -739,6 +753,17 @@ static void every_input_row(void **state)
         gn_rules_judge_use(&use, &report);
         failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
     }
+    for (size_t i = 0; i < REFIT_ROW_COUNT; i++) {
+        const struct refit_row *row = &refit_rows[i];
+        struct collected out = {.findings = 0};
+        struct gn_report report = report_into(&out);
+        struct gn_refit refit = {.target = {GN_OBJECT_BLAS, 1, "tree"}, .target_id = 1, .geometry = 1,
+                                 .indices_changed = row->indices, .activity_changed = row->activity,
+                                 .inactive_before = 2, .inactive = 3, .total = 10};
+        enable_only(&report, row->rule);
+        gn_rules_judge_refit(&refit, &report);
+        failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
+    }
     for (size_t i = 0; i < HAZARD_ROW_COUNT; i++) {
         const struct hazard_row *row = &hazard_rows[i];
         struct collected out = {.findings = 0};
@@ -776,6 +801,9 @@ static void every_rule_fires_and_stays_silent(void **state)
         for (size_t i = 0; i < USE_ROW_COUNT; i++)
             if (strcmp(use_rows[i].rule, gn_rules_at(r)->id) == 0)
                 use_rows[i].expected ? firing++ : silent++;
+        for (size_t i = 0; i < REFIT_ROW_COUNT; i++)
+            if (strcmp(refit_rows[i].rule, gn_rules_at(r)->id) == 0)
+                refit_rows[i].expected ? firing++ : silent++;
         for (size_t i = 0; i < HAZARD_ROW_COUNT; i++)
             if (strcmp(hazard_rows[i].rule, gn_rules_at(r)->id) == 0)
                 hazard_rows[i].expected ? firing++ : silent++;
