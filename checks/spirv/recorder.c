@@ -21,11 +21,16 @@ static uint32_t find_builtin(const struct module *module, uint32_t builtin)
     return 0;
 }
 
+/* 0 when the module has that built-in with another type, as there can be only one. */
 static uint32_t builtin_make(struct writer *writer, uint32_t builtin, uint32_t type)
 {
     uint32_t found = find_builtin(writer->module, builtin);
-    if (found)
-        return found;
+    if (found) {
+        const struct inst *pointer = definition_of(writer->module, definition_of(writer->module, found)->type);
+        uint32_t pointee = pointer ? inst_word(writer->module, pointer, 3) : 0;
+        bool integers = opcode_of(writer->module, pointee) == SpvOpTypeInt && type == type_uint(writer);
+        return pointee == type || integers ? found : 0;
+    }
     const struct words *made = &writer->decorations;
     for (size_t at = 0; at < made->count; at += made->data[at] >> 16)
         if (made->data[at] == (4u << 16 | SpvOpDecorate) && made->data[at + 2] == SpvDecorationBuiltIn &&
@@ -268,6 +273,8 @@ static uint32_t launch_builtin(struct writer *writer, uint32_t builtin)
 {
     uint32_t variable = builtin_make(writer, builtin, type_uint3(writer));
     bool listed = false;
+    if (!variable)
+        return 0;
     for (size_t i = 0; i < writer->interface.count; i++)
         listed |= writer->interface.data[i] == variable;
     if (!listed)
@@ -278,7 +285,11 @@ static uint32_t launch_builtin(struct writer *writer, uint32_t builtin)
 uint32_t launch_depth_enter(struct writer *writer)
 {
     uint32_t uint_ = type_uint(writer), id = launch_builtin(writer, SpvBuiltInLaunchIdKHR);
-    uint32_t size = launch_builtin(writer, SpvBuiltInLaunchSizeKHR), index = COMPUTE(writer, SpvOpCompositeExtract, uint_, id, 2);
+    uint32_t size = launch_builtin(writer, SpvBuiltInLaunchSizeKHR), scratch = constant_uint(writer, GN_LAUNCH_SCRATCH);
+    writer->depth_word = scratch;
+    if (!id || !size)
+        return constant_uint(writer, 0);
+    uint32_t index = COMPUTE(writer, SpvOpCompositeExtract, uint_, id, 2);
     for (uint32_t axis = 2; axis-- > 0;) {
         uint32_t extent = COMPUTE(writer, SpvOpCompositeExtract, uint_, size, axis);
         uint32_t at = COMPUTE(writer, SpvOpCompositeExtract, uint_, id, axis);
@@ -289,7 +300,7 @@ uint32_t launch_depth_enter(struct writer *writer)
     uint32_t first = word_load(writer, constant_uint(writer, GN_LAUNCH_DEPTHS));
     uint32_t count = word_load(writer, constant_uint(writer, GN_LAUNCH_DEPTH_COUNT));
     uint32_t counted = COMPUTE(writer, SpvOpULessThan, type_bool(writer), index, count);
-    uint32_t scratch = constant_uint(writer, GN_LAUNCH_SCRATCH), zero = constant_uint(writer, 0);
+    uint32_t zero = constant_uint(writer, 0);
     index = COMPUTE(writer, SpvOpIAdd, uint_, index, first);
     writer->depth_word = COMPUTE(writer, SpvOpSelect, uint_, counted, index, scratch);
     uint32_t one = constant_uint(writer, 1), depth = atomic_add(writer, writer->depth_word, one);

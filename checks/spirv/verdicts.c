@@ -110,11 +110,10 @@ static uint64_t proved_only(const struct analysis *analysis, const struct site *
 static void verdict_make(struct analysis *analysis, struct site *site, uint64_t applicable)
 {
     struct breach breaches[4];
-    uint32_t count = breaches_of(site, breaches), broken = 0;
+    uint32_t count = breaches_of(site, breaches);
     for (uint32_t i = 0; i < count; i++) {
         breaches[i].rule = UINT64_C(1) << breaches[i].rule;
         site->judged |= breaches[i].rule;
-        broken |= breaches[i].states;
     }
     uint32_t early = STATE_INITIALIZED | STATES_AT_CANDIDATE;
     bool reads_committed =
@@ -125,11 +124,10 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint64_t 
     site->judged &= applicable;
 
     const struct operand_verdict operands = operands_judge(analysis, &analysis->module->insts[site->inst]);
-    bool all_broken = site->states && !(site->states & ~broken);
     for (uint32_t i = 0; i < count; i++) {
         if (site->states & breaches[i].states)
             site->checked |= breaches[i].rule;
-        if (all_broken && (site->states & breaches[i].states))
+        if (site->states && !(site->states & ~breaches[i].states))
             site->wrong |= breaches[i].rule;
     }
     if (site->operation->kind == OPERATION_INITIALIZE ? site->states != 0 : !site->operation->query_word && site->reachable) {

@@ -18,19 +18,19 @@ expect() {
   fi
 }
 
-expect 0 'untouched: every operation is proved right' "$modules/closest_good.spv" -o "$folder/good.spv"
-cmp "$modules/closest_good.spv" "$folder/good.spv" || failures=$((failures + 1))
-expect 1 'proceed_after_loop.comp:11: error: OpRayQueryProceedKHR on q' "$modules/proceed_after_loop.spv" -o "$folder/bad.spv"
+expect 0 'untouched: every operation is proved right' "$modules/closest_good.comp.spv" -o "$folder/good.spv"
+cmp "$modules/closest_good.comp.spv" "$folder/good.spv" || failures=$((failures + 1))
+expect 1 'proceed_after_loop.comp:15: error: OpRayQueryProceedKHR on q' "$modules/proceed_after_loop.comp.spv" -o "$folder/bad.spv"
 "$validator" --target-env vulkan1.2 "$folder/bad.spv" || failures=$((failures + 1))
-expect 1 '"rule": "query.proceed.after_false"' "$modules/proceed_after_loop.spv" --static-only --json
-expect 0 'records go to set 3, binding 5' "$modules/run_generate.spv" -o "$folder/run.spv" --set 3 --binding 5
-expect 0 'declined: the module itself uses set 0, binding 1' "$modules/run_generate.spv" -o "$folder/same.spv" --set 0 --binding 1
-cmp "$modules/run_generate.spv" "$folder/same.spv" || failures=$((failures + 1))
-expect 1 'query.committed.too_early' "$modules/committed_no_proceed.spv" --static-only --profile wgpu
-expect 2 'expected -o OUT.spv' "$modules/closest_good.spv"
+expect 1 '"rule": "query.proceed.after_false"' "$modules/proceed_after_loop.comp.spv" --static-only --json
+expect 0 'records go to set 3, binding 5' "$modules/run_generate.comp.spv" -o "$folder/run.spv" --set 3 --binding 5
+expect 0 'declined: the module itself uses set 0, binding 1' "$modules/run_generate.comp.spv" -o "$folder/same.spv" --set 0 --binding 1
+cmp "$modules/run_generate.comp.spv" "$folder/same.spv" || failures=$((failures + 1))
+expect 1 'query.committed.too_early' "$modules/committed_no_proceed.comp.spv" --static-only --profile wgpu
+expect 2 'expected -o OUT.spv' "$modules/closest_good.comp.spv"
 expect 2 'expected a SPIR-V module' -o "$folder/none.spv"
-expect 2 "there is no profile 'metal'" "$modules/closest_good.spv" --static-only --profile metal
-expect 2 "expected a number" "$modules/closest_good.spv" --static-only --set -1
+expect 2 "there is no profile 'metal'" "$modules/closest_good.comp.spv" --static-only --profile metal
+expect 2 "expected a number" "$modules/closest_good.comp.spv" --static-only --set -1
 expect 2 'No such file' "$folder/missing.spv" --static-only
 printf 'not a module' >"$folder/text.spv"
 expect 2 'a module has 5 to' "$folder/text.spv" -o "$folder/text.out.spv"

@@ -8,7 +8,8 @@
 #include <string.h>
 
 #include <cmocka.h>
-#include <vulkan/vulkan.h>
+
+#include "checks/spirv/records.h"
 
 #define REQUIRE(call) assert_int_equal(call, VK_SUCCESS)
 
@@ -32,6 +33,17 @@ struct structure {
     X(GetAccelerationStructureDeviceAddressKHR)                                                                        \
     X(CmdBuildAccelerationStructuresKHR)
 
+/* Only where the driver has the extension. */
+#define OPTIONAL_COMMANDS(X)                                                                                           \
+    X(CreateRayTracingPipelinesKHR)                                                                                    \
+    X(GetRayTracingShaderGroupHandlesKHR)                                                                              \
+    X(CmdTraceRaysKHR)                                                                                                 \
+    X(CmdDrawMeshTasksEXT)
+
+/* The table of record buffers, and behind it the depths of a launch. */
+#define ROOT_CAPACITY 32
+#define ROOT_WORDS (GN_ROOT_WORDS(ROOT_CAPACITY) + LANES)
+
 struct tracer {
     VkInstance instance;
     VkPhysicalDevice physical;
@@ -44,9 +56,12 @@ struct tracer {
     VkDescriptorPool descriptors;
     VkDescriptorSet sets[2];
     struct structure triangle, box, scene;
-    struct buffer output;
+    struct buffer output, root;
+    bool pipelines, meshes, positions; /* that the driver has the extension */
+    uint32_t handle_size, handle_stride, base_stride;
 #define X(name) PFN_vk##name name;
     COMMANDS(X)
+    OPTIONAL_COMMANDS(X)
 #undef X
 };
 
@@ -57,7 +72,8 @@ static struct buffer buffer_create(struct tracer *tracer, VkDeviceSize size)
                                .size = size,
                                .usage = VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT | VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
                                         VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
-                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR};
+                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR |
+                                        (tracer->pipelines ? VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR : 0)};
     REQUIRE(vkCreateBuffer(tracer->device, &info, NULL, &buffer.handle));
     VkMemoryRequirements needs;
     vkGetBufferMemoryRequirements(tracer->device, buffer.handle, &needs);
@@ -90,6 +106,17 @@ static void buffer_destroy(struct tracer *tracer, struct buffer *buffer)
     vkFreeMemory(tracer->device, buffer->memory, NULL);
 }
 
+static bool has_extension(VkPhysicalDevice physical, const char *name)
+{
+    VkExtensionProperties properties[512];
+    uint32_t count = 512;
+    assert_true(vkEnumerateDeviceExtensionProperties(physical, NULL, &count, properties) >= 0);
+    for (uint32_t i = 0; i < count; i++)
+        if (strcmp(properties[i].extensionName, name) == 0)
+            return true;
+    return false;
+}
+
 static void create_device(struct tracer *tracer)
 {
     VkApplicationInfo application = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .apiVersion = VK_API_VERSION_1_3};
@@ -97,17 +124,55 @@ static void create_device(struct tracer *tracer)
     REQUIRE(vkCreateInstance(&instance, NULL, &tracer->instance));
     uint32_t count = 1;
     assert_true(vkEnumeratePhysicalDevices(tracer->instance, &count, &tracer->physical) >= 0 && count == 1);
-    const char *extensions[] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME, VK_KHR_RAY_QUERY_EXTENSION_NAME,
-                                VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME};
+    tracer->pipelines = has_extension(tracer->physical, VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME);
+    tracer->meshes = has_extension(tracer->physical, VK_EXT_MESH_SHADER_EXTENSION_NAME);
+    tracer->positions = has_extension(tracer->physical, VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME);
+    const char *extensions[8] = {VK_KHR_ACCELERATION_STRUCTURE_EXTENSION_NAME, VK_KHR_RAY_QUERY_EXTENSION_NAME,
+                                 VK_KHR_DEFERRED_HOST_OPERATIONS_EXTENSION_NAME};
+    uint32_t extension_count = 3;
+    VkPhysicalDeviceRayTracingPipelinePropertiesKHR properties = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_PROPERTIES_KHR};
+    VkPhysicalDeviceProperties2 all = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2,
+                                       .pNext = tracer->pipelines ? &properties : NULL};
+    vkGetPhysicalDeviceProperties2(tracer->physical, &all);
+    tracer->handle_size = properties.shaderGroupHandleSize;
+    tracer->base_stride = properties.shaderGroupBaseAlignment;
+    tracer->handle_stride = properties.shaderGroupHandleAlignment > tracer->handle_size ? properties.shaderGroupHandleAlignment
+                                                                                        : tracer->handle_size;
+    VkPhysicalDeviceRayTracingPipelineFeaturesKHR pipelines = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR, .rayTracingPipeline = VK_TRUE};
+    VkPhysicalDeviceMeshShaderFeaturesEXT meshes = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MESH_SHADER_FEATURES_EXT, .taskShader = VK_TRUE, .meshShader = VK_TRUE};
+    VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR fetch = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR, .rayTracingPositionFetch = VK_TRUE};
     VkPhysicalDeviceRayQueryFeaturesKHR query = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_QUERY_FEATURES_KHR,
                                                  .rayQuery = VK_TRUE};
+    if (tracer->pipelines) {
+        extensions[extension_count++] = VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME;
+        pipelines.pNext = query.pNext;
+        query.pNext = &pipelines;
+    }
+    if (tracer->meshes) {
+        extensions[extension_count++] = VK_EXT_MESH_SHADER_EXTENSION_NAME;
+        meshes.pNext = query.pNext;
+        query.pNext = &meshes;
+    }
+    if (tracer->positions) {
+        extensions[extension_count++] = VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME;
+        fetch.pNext = query.pNext;
+        query.pNext = &fetch;
+    }
     VkPhysicalDeviceAccelerationStructureFeaturesKHR structures = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_FEATURES_KHR,
         .pNext = &query,
         .accelerationStructure = VK_TRUE};
+    VkPhysicalDeviceVulkan13Features v13 = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_3_FEATURES, .pNext = &structures, .dynamicRendering = VK_TRUE};
     VkPhysicalDeviceVulkan12Features v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
-                                            .pNext = &structures,
-                                            .bufferDeviceAddress = VK_TRUE};
+                                            .pNext = &v13,
+                                            .bufferDeviceAddress = VK_TRUE,
+                                            .runtimeDescriptorArray = VK_TRUE};
+    VkPhysicalDeviceFeatures features = {.fragmentStoresAndAtomics = VK_TRUE, .vertexPipelineStoresAndAtomics = VK_TRUE};
     float priority = 1;
     VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,
                                      .queueCount = 1,
@@ -116,8 +181,9 @@ static void create_device(struct tracer *tracer)
                                .pNext = &v12,
                                .queueCreateInfoCount = 1,
                                .pQueueCreateInfos = &queue,
-                               .enabledExtensionCount = 3,
-                               .ppEnabledExtensionNames = extensions};
+                               .enabledExtensionCount = extension_count,
+                               .ppEnabledExtensionNames = extensions,
+                               .pEnabledFeatures = &features};
     REQUIRE(vkCreateDevice(tracer->physical, &info, NULL, &tracer->device));
     vkGetDeviceQueue(tracer->device, 0, 0, &tracer->queue);
     VkCommandPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_COMMAND_POOL_CREATE_INFO,
@@ -131,6 +197,9 @@ static void create_device(struct tracer *tracer)
     tracer->name = (PFN_vk##name)vkGetDeviceProcAddr(tracer->device, "vk" #name);                                      \
     assert_non_null(tracer->name);
     COMMANDS(X)
+#undef X
+#define X(name) tracer->name = (PFN_vk##name)vkGetDeviceProcAddr(tracer->device, "vk" #name);
+    OPTIONAL_COMMANDS(X)
 #undef X
 }
 
@@ -159,6 +228,9 @@ static void build(struct tracer *tracer, struct structure *structure, VkAccelera
     VkAccelerationStructureBuildGeometryInfoKHR info = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
         .type = type,
+        .flags = tracer->positions && type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR
+                     ? VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR
+                     : 0,
         .geometryCount = 1,
         .pGeometries = geometry};
     VkAccelerationStructureBuildSizesInfoKHR sizes = {
@@ -215,6 +287,7 @@ static void build_scene(struct tracer *tracer)
         for (int row = 0; row < 3; row++)
             placed[i].transform.matrix[row][row] = 1;
         placed[i].mask = 0xFF;
+        placed[i].instanceShaderBindingTableRecordOffset = (uint32_t)i & 0xFFFFFF;
         placed[i].accelerationStructureReference = i ? tracer->box.address : tracer->triangle.address;
     }
     build(tracer, &tracer->scene, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR, &instances,
@@ -223,17 +296,19 @@ static void build_scene(struct tracer *tracer)
 
 static void create_descriptors(struct tracer *tracer)
 {
-    const VkDescriptorSetLayoutBinding bindings[] = {
-        {0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
-        {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
-        {0, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL}};
+    VkDescriptorSetLayoutBinding bindings[2 + MAX_STAGES] = {
+        {0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1, VK_SHADER_STAGE_ALL, NULL},
+        {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_ALL, NULL}};
+    for (uint32_t i = 0; i < MAX_STAGES; i++)
+        bindings[2 + i] =
+            (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_ALL, NULL};
     for (uint32_t s = 0; s < 2; s++) {
         VkDescriptorSetLayoutCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
-                                                .bindingCount = 2 - s,
+                                                .bindingCount = s ? MAX_STAGES : 2,
                                                 .pBindings = bindings + 2 * s};
         REQUIRE(vkCreateDescriptorSetLayout(tracer->device, &info, NULL, &tracer->set_layouts[s]));
     }
-    VkPushConstantRange push = {VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof(struct choices)};
+    VkPushConstantRange push = {VK_SHADER_STAGE_ALL, 0, sizeof(struct choices)};
     VkPipelineLayoutCreateInfo layout = {.sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
                                          .setLayoutCount = 2,
                                          .pSetLayouts = tracer->set_layouts,
@@ -241,7 +316,7 @@ static void create_descriptors(struct tracer *tracer)
                                          .pPushConstantRanges = &push};
     REQUIRE(vkCreatePipelineLayout(tracer->device, &layout, NULL, &tracer->layout));
     const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1},
-                                          {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 2}};
+                                          {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1 + MAX_STAGES}};
     VkDescriptorPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
                                        .maxSets = 2,
                                        .poolSizeCount = 2,
@@ -277,57 +352,281 @@ struct tracer *tracer_create(void)
     struct tracer *tracer = calloc(1, sizeof *tracer);
     assert_non_null(tracer);
     create_device(tracer);
+    tracer->root = buffer_create(tracer, ROOT_WORDS * sizeof(uint32_t));
     build_scene(tracer);
     create_descriptors(tracer);
     return tracer;
 }
 
-void tracer_run(struct tracer *tracer, const uint32_t *words, size_t word_count, const struct choices *choices,
-                float out[LANES], uint32_t *records, size_t record_words)
+uint64_t tracer_root(const struct tracer *tracer)
 {
-    VkShaderModuleCreateInfo code = {
-        .sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, .codeSize = word_count * 4, .pCode = words};
-    VkShaderModule module;
-    REQUIRE(vkCreateShaderModule(tracer->device, &code, NULL, &module));
-    VkComputePipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
-                                        .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
-                                                  .stage = VK_SHADER_STAGE_COMPUTE_BIT,
-                                                  .module = module,
-                                                  .pName = "main"},
-                                        .layout = tracer->layout};
-    VkPipeline pipeline;
-    REQUIRE(vkCreateComputePipelines(tracer->device, VK_NULL_HANDLE, 1, &info, NULL, &pipeline));
+    return tracer->root.address;
+}
 
-    struct buffer buffer = buffer_create(tracer, (record_words ? record_words : 4) * 4);
-    if (records)
-        memcpy(buffer.mapped, records, record_words * 4);
-    VkDescriptorBufferInfo record_info = {buffer.handle, 0, VK_WHOLE_SIZE};
-    VkWriteDescriptorSet write = {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
-                                  .dstSet = tracer->sets[RECORD_SET],
-                                  .descriptorCount = 1,
-                                  .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                  .pBufferInfo = &record_info};
-    vkUpdateDescriptorSets(tracer->device, 1, &write, 0, NULL);
+#define STAGES_OF_PIPELINES                                                                                            \
+    (VK_SHADER_STAGE_RAYGEN_BIT_KHR | VK_SHADER_STAGE_MISS_BIT_KHR | VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR |             \
+     VK_SHADER_STAGE_ANY_HIT_BIT_KHR | VK_SHADER_STAGE_INTERSECTION_BIT_KHR | VK_SHADER_STAGE_CALLABLE_BIT_KHR)
+#define STAGES_OF_MESHES (VK_SHADER_STAGE_TASK_BIT_EXT | VK_SHADER_STAGE_MESH_BIT_EXT)
+
+bool tracer_supports(const struct tracer *tracer, VkShaderStageFlagBits stage)
+{
+    return stage & STAGES_OF_PIPELINES ? tracer->pipelines : stage & STAGES_OF_MESHES ? tracer->meshes : true;
+}
+
+static VkShaderStageFlags stages_of(const struct program *program)
+{
+    VkShaderStageFlags flags = 0;
+    for (uint32_t i = 0; i < program->stage_count; i++)
+        flags |= program->stages[i].stage;
+    return flags;
+}
+
+/* The groups that a ray-tracing pipeline may have. */
+enum { GROUP_RAYGEN, GROUP_MISS, GROUP_TRIANGLES, GROUP_BOXES, GROUP_CALLABLE, GROUP_COUNT };
+
+#define GROUP_NONE UINT32_MAX
+
+/* The index of a group among those that the program's shaders make. */
+static uint32_t group_of(const struct program *program, int group)
+{
+    static const VkShaderStageFlags needed[GROUP_COUNT] = {
+        VK_SHADER_STAGE_RAYGEN_BIT_KHR, VK_SHADER_STAGE_MISS_BIT_KHR,
+        VK_SHADER_STAGE_CLOSEST_HIT_BIT_KHR | VK_SHADER_STAGE_ANY_HIT_BIT_KHR, VK_SHADER_STAGE_INTERSECTION_BIT_KHR,
+        VK_SHADER_STAGE_CALLABLE_BIT_KHR};
+    VkShaderStageFlags flags = stages_of(program);
+    uint32_t index = 0;
+    for (int g = 0; g < group; g++)
+        index += (flags & needed[g]) != 0;
+    return flags & needed[group] ? index : GROUP_NONE;
+}
+
+static void create_traced(struct tracer *tracer, struct program *program, const VkPipelineShaderStageCreateInfo *stages)
+{
+    VkRayTracingShaderGroupCreateInfoKHR groups[GROUP_COUNT];
+    for (int g = 0; g < GROUP_COUNT; g++)
+        groups[g] = (VkRayTracingShaderGroupCreateInfoKHR){
+            .sType = VK_STRUCTURE_TYPE_RAY_TRACING_SHADER_GROUP_CREATE_INFO_KHR,
+            .type = g == GROUP_TRIANGLES ? VK_RAY_TRACING_SHADER_GROUP_TYPE_TRIANGLES_HIT_GROUP_KHR
+                                         : VK_RAY_TRACING_SHADER_GROUP_TYPE_GENERAL_KHR,
+            .generalShader = VK_SHADER_UNUSED_KHR,
+            .closestHitShader = VK_SHADER_UNUSED_KHR,
+            .anyHitShader = VK_SHADER_UNUSED_KHR,
+            .intersectionShader = VK_SHADER_UNUSED_KHR};
+    for (uint32_t i = 0; i < program->stage_count; i++)
+        switch (stages[i].stage) {
+        case VK_SHADER_STAGE_RAYGEN_BIT_KHR: groups[GROUP_RAYGEN].generalShader = i; break;
+        case VK_SHADER_STAGE_MISS_BIT_KHR: groups[GROUP_MISS].generalShader = i; break;
+        case VK_SHADER_STAGE_CALLABLE_BIT_KHR: groups[GROUP_CALLABLE].generalShader = i; break;
+        case VK_SHADER_STAGE_INTERSECTION_BIT_KHR:
+            groups[GROUP_BOXES].type = VK_RAY_TRACING_SHADER_GROUP_TYPE_PROCEDURAL_HIT_GROUP_KHR;
+            groups[GROUP_BOXES].intersectionShader = i;
+            break;
+        case VK_SHADER_STAGE_ANY_HIT_BIT_KHR: groups[GROUP_TRIANGLES].anyHitShader = i; break;
+        default: groups[GROUP_TRIANGLES].closestHitShader = i; break;
+        }
+    uint32_t count = 0;
+    for (int g = 0; g < GROUP_COUNT; g++)
+        if (group_of(program, g) != GROUP_NONE)
+            groups[count++] = groups[g];
+    VkRayTracingPipelineCreateInfoKHR info = {.sType = VK_STRUCTURE_TYPE_RAY_TRACING_PIPELINE_CREATE_INFO_KHR,
+                                              .stageCount = program->stage_count,
+                                              .pStages = stages,
+                                              .groupCount = count,
+                                              .pGroups = groups,
+                                              .maxPipelineRayRecursionDepth = program->recursion ? program->recursion : 1,
+                                              .layout = tracer->layout};
+    REQUIRE(tracer->CreateRayTracingPipelinesKHR(tracer->device, VK_NULL_HANDLE, VK_NULL_HANDLE, 1, &info, NULL,
+                                                 &program->pipeline));
+}
+
+static void create_drawn(struct tracer *tracer, struct program *program, const VkPipelineShaderStageCreateInfo *stages)
+{
+    VkShaderStageFlags flags = stages_of(program);
+    bool vertices = (flags & VK_SHADER_STAGE_VERTEX_BIT) != 0, pixels = (flags & VK_SHADER_STAGE_FRAGMENT_BIT) != 0;
+    VkPipelineVertexInputStateCreateInfo input = {.sType = VK_STRUCTURE_TYPE_PIPELINE_VERTEX_INPUT_STATE_CREATE_INFO};
+    VkPipelineInputAssemblyStateCreateInfo assembly = {
+        .sType = VK_STRUCTURE_TYPE_PIPELINE_INPUT_ASSEMBLY_STATE_CREATE_INFO,
+        .topology = pixels ? VK_PRIMITIVE_TOPOLOGY_TRIANGLE_LIST : VK_PRIMITIVE_TOPOLOGY_POINT_LIST};
+    VkViewport viewport = {0, 0, LANES, 1, 0, 1};
+    VkRect2D scissor = {{0, 0}, {LANES, 1}};
+    VkPipelineViewportStateCreateInfo view = {.sType = VK_STRUCTURE_TYPE_PIPELINE_VIEWPORT_STATE_CREATE_INFO,
+                                              .viewportCount = 1,
+                                              .pViewports = &viewport,
+                                              .scissorCount = 1,
+                                              .pScissors = &scissor};
+    VkPipelineRasterizationStateCreateInfo raster = {.sType = VK_STRUCTURE_TYPE_PIPELINE_RASTERIZATION_STATE_CREATE_INFO,
+                                                     .rasterizerDiscardEnable = !pixels,
+                                                     .lineWidth = 1};
+    VkPipelineMultisampleStateCreateInfo samples = {.sType = VK_STRUCTURE_TYPE_PIPELINE_MULTISAMPLE_STATE_CREATE_INFO,
+                                                    .rasterizationSamples = VK_SAMPLE_COUNT_1_BIT};
+    VkPipelineColorBlendStateCreateInfo blend = {.sType = VK_STRUCTURE_TYPE_PIPELINE_COLOR_BLEND_STATE_CREATE_INFO};
+    VkPipelineRenderingCreateInfo rendering = {.sType = VK_STRUCTURE_TYPE_PIPELINE_RENDERING_CREATE_INFO};
+    VkGraphicsPipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_CREATE_INFO,
+                                         .pNext = &rendering,
+                                         .stageCount = program->stage_count,
+                                         .pStages = stages,
+                                         .pVertexInputState = vertices ? &input : NULL,
+                                         .pInputAssemblyState = vertices ? &assembly : NULL,
+                                         .pViewportState = &view,
+                                         .pRasterizationState = &raster,
+                                         .pMultisampleState = &samples,
+                                         .pColorBlendState = &blend,
+                                         .layout = tracer->layout};
+    REQUIRE(vkCreateGraphicsPipelines(tracer->device, VK_NULL_HANDLE, 1, &info, NULL, &program->pipeline));
+}
+
+static void create_pipeline(struct tracer *tracer, struct program *program)
+{
+    VkPipelineShaderStageCreateInfo stages[MAX_STAGES] = {{.sType = 0}};
+    for (uint32_t i = 0; i < program->stage_count; i++) {
+        VkShaderModuleCreateInfo code = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                         .codeSize = program->stages[i].word_count * 4,
+                                         .pCode = program->stages[i].words};
+        stages[i] = (VkPipelineShaderStageCreateInfo){.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
+                                                      .stage = program->stages[i].stage,
+                                                      .pName = "main"};
+        REQUIRE(vkCreateShaderModule(tracer->device, &code, NULL, &stages[i].module));
+    }
+    VkComputePipelineCreateInfo compute = {
+        .sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO, .stage = stages[0], .layout = tracer->layout};
+    if (stages_of(program) & STAGES_OF_PIPELINES)
+        create_traced(tracer, program, stages);
+    else if (stages_of(program) == VK_SHADER_STAGE_COMPUTE_BIT)
+        REQUIRE(vkCreateComputePipelines(tracer->device, VK_NULL_HANDLE, 1, &compute, NULL, &program->pipeline));
+    else
+        create_drawn(tracer, program, stages);
+    for (uint32_t i = 0; i < program->stage_count; i++)
+        vkDestroyShaderModule(tracer->device, stages[i].module, NULL);
+}
+
+void tracer_forget(struct tracer *tracer, struct program *program)
+{
+    vkDestroyPipeline(tracer->device, program->pipeline, NULL);
+    program->pipeline = VK_NULL_HANDLE;
+}
+
+static uint64_t round_up(uint64_t value, uint64_t to)
+{
+    return (value + to - 1) / to * to;
+}
+
+/* The table has a region per kind of shader; records without a shader are zeros, and then nothing is called. */
+static void record_trace(struct tracer *tracer, const struct program *program, struct buffer *table)
+{
+    uint8_t handles[GROUP_COUNT * 64];
+    uint32_t groups = 0;
+    for (int g = 0; g < GROUP_COUNT; g++)
+        groups += group_of(program, g) != GROUP_NONE;
+    assert_true(tracer->handle_size <= 64);
+    REQUIRE(tracer->GetRayTracingShaderGroupHandlesKHR(tracer->device, program->pipeline, 0, groups,
+                                                       (size_t)groups * tracer->handle_size, handles));
+    const struct {
+        uint32_t records;
+        int first_group;
+    } regions[4] = {{1, GROUP_RAYGEN}, {1, GROUP_MISS}, {2, GROUP_TRIANGLES}, {2 * program->callables, GROUP_CALLABLE}};
+    VkStridedDeviceAddressRegionKHR spans[4];
+    const uint64_t region_size = round_up((uint64_t)16 * tracer->handle_stride, tracer->base_stride);
+    *table = buffer_create(tracer, 5 * region_size);
+    uint64_t start = round_up(table->address, tracer->base_stride);
+    for (uint32_t r = 0; r < 4; r++) {
+        uint64_t at = start + r * region_size;
+        assert_true(regions[r].records <= 16);
+        spans[r] = (VkStridedDeviceAddressRegionKHR){at, tracer->handle_stride, regions[r].records * tracer->handle_stride};
+        for (uint32_t i = 0; i < regions[r].records; i++) {
+            uint32_t group = group_of(program, regions[r].first_group + (r == 2 ? (int)i : 0));
+            if (group != GROUP_NONE)
+                memcpy((uint8_t *)table->mapped + (at - table->address) + i * tracer->handle_stride,
+                       handles + group * tracer->handle_size, tracer->handle_size);
+        }
+    }
+    vkCmdBindPipeline(tracer->commands, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR, program->pipeline);
+    tracer->CmdTraceRaysKHR(tracer->commands, &spans[0], &spans[1], &spans[2], &spans[3], LANES, 1, 1);
+}
+
+static void record_draw(struct tracer *tracer, const struct program *program)
+{
+    VkShaderStageFlags flags = stages_of(program);
+    VkRenderingInfo rendering = {
+        .sType = VK_STRUCTURE_TYPE_RENDERING_INFO, .renderArea = {{0, 0}, {LANES, 1}}, .layerCount = 1};
+    vkCmdBindPipeline(tracer->commands, VK_PIPELINE_BIND_POINT_GRAPHICS, program->pipeline);
+    vkCmdBeginRendering(tracer->commands, &rendering);
+    if (flags & STAGES_OF_MESHES)
+        tracer->CmdDrawMeshTasksEXT(tracer->commands, 1, 1, 1);
+    else
+        vkCmdDraw(tracer->commands, flags & VK_SHADER_STAGE_FRAGMENT_BIT ? 3 : LANES, 1, 0, 0);
+    vkCmdEndRendering(tracer->commands);
+}
+
+/* Where the modules find their records and what the header says of the launch. */
+static void write_records(struct tracer *tracer, const struct program *program, struct buffer *buffers)
+{
+    uint32_t *root = tracer->root.mapped;
+    memset(root, 0, ROOT_WORDS * sizeof *root);
+    gn_root_reset(root, ROOT_CAPACITY);
+    root[GN_LAUNCH_CALLABLES] = program->callables;
+    root[GN_LAUNCH_DEPTHS] = GN_ROOT_WORDS(ROOT_CAPACITY);
+    root[GN_LAUNCH_DEPTH_COUNT] = LANES;
+    for (uint32_t i = 0; i < program->stage_count; i++) {
+        const struct stage *stage = &program->stages[i];
+        buffers[i] = buffer_create(tracer, (stage->record_words + GN_RECORDS_HEADER + LANES) * 4);
+        if (!stage->records)
+            continue;
+        uint32_t *words = buffers[i].mapped;
+        memcpy(words, stage->records, stage->record_words * 4);
+        words[GN_LAUNCH_CALLABLES] = program->callables;
+        words[GN_LAUNCH_DEPTHS] = (uint32_t)stage->record_words;
+        words[GN_LAUNCH_DEPTH_COUNT] = LANES;
+        if (stage->key)
+            assert_true(gn_root_enter(root, stage->key, buffers[i].address));
+        VkDescriptorBufferInfo info = {buffers[i].handle, 0, VK_WHOLE_SIZE};
+        VkWriteDescriptorSet write = {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                      .dstSet = tracer->sets[RECORD_SET],
+                                      .dstBinding = i,
+                                      .descriptorCount = 1,
+                                      .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                      .pBufferInfo = &info};
+        vkUpdateDescriptorSets(tracer->device, 1, &write, 0, NULL);
+    }
+}
+
+void tracer_run(struct tracer *tracer, struct program *program, const struct choices *choices, float out[LANES])
+{
+    struct buffer buffers[MAX_STAGES], table = {.handle = VK_NULL_HANDLE};
+    VkShaderStageFlags flags = stages_of(program);
+    VkPipelineBindPoint point = flags & STAGES_OF_PIPELINES                ? VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR
+                                : flags == VK_SHADER_STAGE_COMPUTE_BIT ? VK_PIPELINE_BIND_POINT_COMPUTE
+                                                                           : VK_PIPELINE_BIND_POINT_GRAPHICS;
+    if (!program->pipeline)
+        create_pipeline(tracer, program);
+    write_records(tracer, program, buffers);
     memset(tracer->output.mapped, 0, LANES * sizeof(float));
 
     begin(tracer);
-    vkCmdBindPipeline(tracer->commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipeline);
-    vkCmdBindDescriptorSets(tracer->commands, VK_PIPELINE_BIND_POINT_COMPUTE, tracer->layout, 0, 2, tracer->sets, 0, NULL);
-    vkCmdPushConstants(tracer->commands, tracer->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof *choices, choices);
-    vkCmdDispatch(tracer->commands, 1, 1, 1);
+    vkCmdBindDescriptorSets(tracer->commands, point, tracer->layout, 0, 2, tracer->sets, 0, NULL);
+    vkCmdPushConstants(tracer->commands, tracer->layout, VK_SHADER_STAGE_ALL, 0, sizeof *choices, choices);
+    if (point == VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR) {
+        record_trace(tracer, program, &table);
+    } else if (point == VK_PIPELINE_BIND_POINT_GRAPHICS) {
+        record_draw(tracer, program);
+    } else {
+        vkCmdBindPipeline(tracer->commands, point, program->pipeline);
+        vkCmdDispatch(tracer->commands, 1, 1, 1);
+    }
     VkMemoryBarrier barrier = {.sType = VK_STRUCTURE_TYPE_MEMORY_BARRIER,
                                .srcAccessMask = VK_ACCESS_SHADER_WRITE_BIT,
                                .dstAccessMask = VK_ACCESS_HOST_READ_BIT};
-    vkCmdPipelineBarrier(tracer->commands, VK_PIPELINE_STAGE_COMPUTE_SHADER_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0,
+    vkCmdPipelineBarrier(tracer->commands, VK_PIPELINE_STAGE_ALL_COMMANDS_BIT, VK_PIPELINE_STAGE_HOST_BIT, 0, 1, &barrier, 0,
                          NULL, 0, NULL);
     submit(tracer);
 
     memcpy(out, tracer->output.mapped, LANES * sizeof(float));
-    if (records)
-        memcpy(records, buffer.mapped, record_words * 4);
-    buffer_destroy(tracer, &buffer);
-    vkDestroyPipeline(tracer->device, pipeline, NULL);
-    vkDestroyShaderModule(tracer->device, module, NULL);
+    for (uint32_t i = 0; i < program->stage_count; i++) {
+        if (program->stages[i].records)
+            memcpy(program->stages[i].records, buffers[i].mapped, program->stages[i].record_words * 4);
+        buffer_destroy(tracer, &buffers[i]);
+    }
+    if (table.handle)
+        buffer_destroy(tracer, &table);
 }
 
 void tracer_destroy(struct tracer *tracer)
@@ -340,6 +639,7 @@ void tracer_destroy(struct tracer *tracer)
         buffer_destroy(tracer, &structures[i]->scratch);
     }
     buffer_destroy(tracer, &tracer->output);
+    buffer_destroy(tracer, &tracer->root);
     vkDestroyDescriptorPool(tracer->device, tracer->descriptors, NULL);
     vkDestroyPipelineLayout(tracer->device, tracer->layout, NULL);
     for (int s = 0; s < 2; s++)

@@ -2,7 +2,6 @@
 /* Loads the compiled test shaders, see modules.h. */
 #include "tests/spirv/modules.h"
 
-#include <dirent.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -36,16 +35,15 @@ static int compare(const void *a, const void *b)
 uint32_t modules_list(char (*out)[64], uint32_t capacity)
 {
     uint32_t count = 0;
-    DIR *folder = opendir(MODULES "/line");
-    assert_non_null(folder);
-    for (struct dirent *entry; (entry = readdir(folder));) {
-        char *dot = strrchr(entry->d_name, '.');
-        if (!dot || strcmp(dot, ".spv") != 0)
-            continue;
+    char line[64];
+    FILE *list = fopen(MODULES "/list", "r");
+    assert_non_null(list);
+    while (fgets(line, sizeof line, list)) {
         assert_true(count < capacity);
-        snprintf(out[count++], 64, "%.*s", (int)(dot - entry->d_name), entry->d_name);
+        line[strcspn(line, "\n")] = '\0';
+        memcpy(out[count++], line, sizeof line);
     }
-    closedir(folder);
+    fclose(list);
     qsort(out, count, 64, compare);
     return count;
 }

@@ -16,9 +16,9 @@
 #define FORM_COUNT 4
 extern const char *const form_names[FORM_COUNT]; /* "line", "debug", "plain", "optimized" */
 
-/* A shader as words, malloc'ed. Fails the test when it is not there. */
+/* A shader, named by its file ("closest_good.comp"), as words, malloc'ed. Fails the test when it is not there. */
 uint32_t *module_load(const char *form, const char *name, size_t *out_count);
-/* The names of all shaders, sorted; at most `capacity`. */
+/* The files of all shaders, sorted; at most `capacity`. */
 uint32_t modules_list(char (*out)[64], uint32_t capacity);
 
 /* The id of a rule, without "query." */

@@ -25,9 +25,10 @@ static void mutations_never_crash(void **state)
 
 static void the_model_loses_nothing(void **state)
 {
-    char names[256][64], message[512];
+    static char names[512][64];
+    char message[512];
     (void)state;
-    uint32_t name_count = modules_list(names, 256);
+    uint32_t name_count = modules_list(names, 512);
     for (uint32_t n = 0; n < name_count; n++)
         for (int form = 0; form < FORM_COUNT; form++) {
             size_t count, back = 0;

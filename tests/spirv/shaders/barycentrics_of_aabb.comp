@@ -1,5 +1,9 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: the branch says that the candidate is a box
+//! clauses: NG-062
+//! run: -> candidate.not_triangle*8
+//! twin: barycentrics_good.comp
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -9,7 +13,7 @@ void main()
     float x = 0;
     while (rayQueryProceedEXT(q)) {
         if (rayQueryGetIntersectionTypeEXT(q, false) == gl_RayQueryCandidateIntersectionAABBEXT)
-            x += rayQueryGetIntersectionBarycentricsEXT(q, false).x;
+            x += rayQueryGetIntersectionBarycentricsEXT(q, false).x; //~ candidate.not_triangle!
     }
     SHOW(x);
 }

@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: the candidate's type is tested before
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()

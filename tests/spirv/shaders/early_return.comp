@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: what returns early does not reach the getter
+//! run: choice=1 lane=3 ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()

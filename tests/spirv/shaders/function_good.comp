@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: states are followed through calls
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void begin(rayQueryEXT q) { START(q, gl_RayFlagsOpaqueEXT); }

@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: only the device knows the committed T
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -10,7 +12,7 @@ void main()
         uint kind = rayQueryGetIntersectionTypeEXT(q, false);
         if (kind == gl_RayQueryCandidateIntersectionAABBEXT) {
             if (rayQueryGetIntersectionCandidateAABBOpaqueEXT(q))
-                rayQueryGenerateIntersectionEXT(q, 2.0);
+                rayQueryGenerateIntersectionEXT(q, 2.0); //~ generate.range?
         } else {
             rayQueryConfirmIntersectionEXT(q);
         }

@@ -1,5 +1,8 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: a break leaves the candidate, the end of the loop does not
+//! run: choice=9 -> candidate.none*8
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -12,5 +15,5 @@ void main()
             break;
     }
     /* At a candidate after the break, without one otherwise. */
-    SHOW(rayQueryGetIntersectionInstanceIdEXT(q, false));
+    SHOW(rayQueryGetIntersectionInstanceIdEXT(q, false)); //~ candidate.none?
 }

@@ -1,5 +1,9 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: the flags skip boxes
+//! clauses: NG-025
+//! run: -> candidate.not_aabb*8
+//! twin: opaque_good.comp
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -8,6 +12,6 @@ void main()
     START(q, gl_RayFlagsNoOpaqueEXT | gl_RayFlagsSkipAABBEXT);
     bool x = false;
     while (rayQueryProceedEXT(q))
-        x = rayQueryGetIntersectionCandidateAABBOpaqueEXT(q);
+        x = rayQueryGetIntersectionCandidateAABBOpaqueEXT(q); //~ candidate.not_aabb!
     SHOW(x ? 1 : 0);
 }

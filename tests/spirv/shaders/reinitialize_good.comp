@@ -1,5 +1,8 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: NG-006: the history starts again
+//! clauses: NG-006
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()

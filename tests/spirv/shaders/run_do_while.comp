@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: a loop that tests at its end
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -10,6 +12,6 @@ void main()
     uint n = 0;
     do {
         n++;
-    } while (rayQueryProceedEXT(q) && n < 3);
+    } while (rayQueryProceedEXT(q) && n < 3); //~ use.uninitialized?
     SHOW(n);
 }

@@ -1,16 +1,20 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
-#extension GL_EXT_ray_query : require
-layout(set = 0, binding = 0) uniform accelerationStructureEXT scene;
-layout(location = 0) in vec3 direction;
-layout(location = 0) out vec4 color;
+//! why: behind a discard, with helper lanes
+//! clauses: NG-045
+//! run: value=1 ->
+//! run: ->
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#define LANE uint(gl_FragCoord.x)
+#include "query.glsl"
 void main()
 {
     rayQueryEXT q;
-    if (direction.x > 0.9)
+    if (CHOSEN && LANE == 2)
         discard;
-    rayQueryInitializeEXT(q, scene, gl_RayFlagsNoneEXT, 0xFF, vec3(0), 0.0, direction, 10.0);
+    rayQueryInitializeEXT(q, scene, gl_RayFlagsOpaqueEXT, 0xFF, vec3(0.25, 0.25, -1), 0.0, vec3(0, 0, 1), 100.0);
     while (rayQueryProceedEXT(q)) {
     }
-    color = vec4(rayQueryGetIntersectionTEXT(q, true));
+    float t = value > 0 ? 0 : rayQueryGetIntersectionTEXT(q, true); //~ committed.none?
+    SHOW(t + dFdx(t));
 }

@@ -1,12 +1,18 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
-#extension GL_EXT_ray_query : require
-layout(set = 0, binding = 0) uniform accelerationStructureEXT scene;
-layout(location = 0) in vec3 direction;
+//! why: the ray comes from the host, a lane is a vertex
+//! clauses: NG-053
+//! run: choice=1 value=nan lane=4 -> initialize.nan*1
+//! run: ->
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#define LANE uint(gl_VertexIndex)
+#include "query.glsl"
 void main()
 {
     rayQueryEXT q;
-    rayQueryInitializeEXT(q, scene, gl_RayFlagsOpaqueEXT, 0xFF, vec3(gl_VertexIndex), 0.0, direction, 10.0);
+    rayQueryInitializeEXT(q, scene, gl_RayFlagsOpaqueEXT, 0xFF, vec3(0.25, 0.25, -1), 0.0, vec3(0, 0, CHOSEN ? value : 1.0), 100.0); //~ initialize.nan? initialize.infinite? initialize.zero_direction?
     bool more = rayQueryProceedEXT(q);
-    gl_Position = vec4(rayQueryGetIntersectionObjectRayOriginEXT(q, true), more ? 1 : 0);
+    gl_Position = vec4(0, 0, 0, 1);
+    gl_PointSize = 1;
+    SHOW(more ? 1 : 0);
 }

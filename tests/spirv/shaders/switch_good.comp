@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: a switch on the type is a guard as well
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()

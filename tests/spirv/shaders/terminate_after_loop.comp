@@ -1,5 +1,9 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: every Proceed before must have returned true
+//! clauses: NG-023
+//! run: -> terminate.after_false*8
+//! twin: terminate_good.comp
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -8,6 +12,6 @@ void main()
     START(q, gl_RayFlagsNoneEXT);
     while (rayQueryProceedEXT(q)) {
     }
-    rayQueryTerminateEXT(q);
+    rayQueryTerminateEXT(q); //~ terminate.after_false!
     SHOW(0);
 }

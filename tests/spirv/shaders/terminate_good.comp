@@ -1,5 +1,7 @@
-#version 460
 /* SPDX-License-Identifier: Apache-2.0 */
+//! why: the candidate could be a box
+//! run: ->
+#version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
 void main()
@@ -8,7 +10,7 @@ void main()
     START(q, gl_RayFlagsNoOpaqueEXT);
     bool more = rayQueryProceedEXT(q);
     if (more) {
-        rayQueryConfirmIntersectionEXT(q);
+        rayQueryConfirmIntersectionEXT(q); //~ confirm.not_triangle?
         rayQueryTerminateEXT(q);
         more = rayQueryProceedEXT(q);
     }

@@ -1,0 +1,14 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+//! why: what runs at the hit, and traces when it is told
+//! options: recursion=1
+//! twin: stage_raygen_trace.rgen
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "trace.glsl"
+layout(location = 0) rayPayloadInEXT float arrived;
+void main()
+{
+    arrived += 1;
+    if (CHOSEN && arrived < 2)
+        traceRayEXT(scene, 0, 0xFF, 0, 0, 0, ORIGIN, 0, DIRECTION, 100, 0); //~ trace.recursion!
+}
