@@ -258,7 +258,7 @@ static int run_shader(struct suite *suite, uint32_t n, const char *form, bool wi
     const struct shader *shader = &suite->shaders[n], *shaders[MAX_STAGES];
     struct loaded loaded[MAX_STAGES + 1];
     struct program programs[2];
-    uint32_t count;
+    uint32_t count, done = 0;
     int failures = 0;
     if (!program_find(suite, n, shaders, &count))
         return 0;
@@ -271,7 +271,8 @@ static int run_shader(struct suite *suite, uint32_t n, const char *form, bool wi
         char text[1024];
         /* An original that is wrong may do anything: only what is checked is run then. */
         bool compare = run->firing_count == 0;
-        if (without_proofs && !compare)
+        /* One run is enough to see checks stay silent that are proved to. */
+        if (without_proofs && (!compare || done++))
             continue;
         if (compare)
             tracer_run(suite->tracer, &programs[0], &run->choices, plain);
