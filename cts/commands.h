@@ -8,6 +8,8 @@
 
 int gn_command_run(int argc, char **argv);
 int gn_command_gate(int argc, char **argv);
+/* Takes its arguments as they are, see cts/command_deqp.c. */
+int gn_command_deqp(int argc, char **argv);
 int gn_command_merge(int argc, char **argv);
 int gn_command_replay(int argc, char **argv);
 int gn_command_instrument(int argc, char **argv);

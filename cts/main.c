@@ -65,6 +65,8 @@ int main(int argc, char **argv)
         usage(stdout);
         return 0;
     }
+    if (strncmp(argv[1], "--deqp-", 7) == 0)
+        return gn_command_deqp(argc, argv);
     for (size_t i = 0; i < COMMAND_COUNT; i++) {
         if (strcmp(argv[1], commands[i].name) != 0)
             continue;

@@ -68,12 +68,7 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
     }
 }
 
-/*
- * GNOMON_TEST_FAULT makes a worker misbehave when it comes to a case, so that the tests of isolation meet the
- * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas; "crash:NAME<OTHER"
- * only once OTHER has been run. The name "open" stands for the opening of the device. True for "lost".
- */
-static bool test_fault(const char *name)
+bool gn_worker_test_fault(const char *name)
 {
     const char *faults = getenv("GNOMON_TEST_FAULT");
     char kind[16], at[256];
@@ -128,7 +123,7 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     struct gn_case_run run;
     struct gn_results_case result;
     size_t length = 0;
-    if (test_fault(selected->name)) {
+    if (gn_worker_test_fault(selected->name)) {
         memset(&run, 0, sizeof run);
         run.result.status = GN_CASE_ERROR;
         snprintf(run.result.message, sizeof run.result.message, "the device was lost (GNOMON_TEST_FAULT)");
@@ -198,7 +193,7 @@ int gn_worker_main(int argc, char **argv)
     double scale = strtod(argv[4], NULL);
     struct gn_device_options options = {argv[2][0] ? argv[2] : NULL, -1};
 
-    test_fault("open");
+    gn_worker_test_fault("open");
     device = gn_device_create(&options, message, sizeof message);
     if (!device) {
         gn_text_clean(message);

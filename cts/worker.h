@@ -26,6 +26,13 @@
 /* The command `worker`: ICD ("" for the loader's choice), seed, scale. Gives the exit status. */
 int gn_worker_main(int argc, char **argv);
 
+/*
+ * GNOMON_TEST_FAULT makes a worker misbehave when it comes to a case, so that the tests of isolation meet the
+ * real thing: "crash:NAME", "hang:NAME", "flood:NAME", "exit:NAME" or "lost:NAME", several parted by commas; "crash:NAME<OTHER"
+ * only once OTHER has been run. The name "open" stands for the opening of the device. True for "lost".
+ */
+bool gn_worker_test_fault(const char *name);
+
 /* What a case has come to in this process, as the reports have it. Strings point into `run` and `self`. */
 void gn_worker_result(const char *name, const struct gn_case *self, const struct gn_case_run *run,
                       struct gn_results_case *out);
