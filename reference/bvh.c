@@ -10,24 +10,38 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/mman.h>
 
 #include "reference/scene_internal.h"
 
-/* What Embree's callbacks build, in the memory of the RTCBVH. */
-struct proposal {
-    uint32_t child_count; /* 0: a leaf */
-    uint32_t primitive_count;
-    void *below[]; /* the children, or the ids, packed */
+/* Least costs of a subtree, see proposal_price(). */
+struct price {
+    float whole; /* as one child */
+    float parts[GN_REF_NODE_WIDTH + 1]; /* [n]: as at most n children, n >= 2 */
+    uint8_t left[GN_REF_NODE_WIDTH + 1]; /* how many of these the first half gets */
+    bool is_leaf; /* as one child it is a leaf */
 };
+
+/* A binary tree, built by Embree's callbacks in the memory of the RTCBVH: a node of two, or a leaf. */
+struct proposal {
+    struct proposal *child[2]; /* NULL: a leaf */
+    uint32_t primitive_count; /* of all below */
+    uint32_t ids[2]; /* of a leaf */
+    struct price *price; /* of a node, else NULL */
+};
+/* What a leaf of the proposal has at most. */
+enum { PROPOSAL_LEAF = 2 };
 
 static void *node_create(RTCThreadLocalAllocator allocator, unsigned child_count, void *user)
 {
     (void)user;
-    struct proposal *node = rtcThreadLocalAlloc(allocator, sizeof *node + child_count * sizeof(void *), 16);
-    if (node) {
-        node->child_count = child_count;
-        node->primitive_count = 0;
-    }
+    if (child_count != 2)
+        return NULL;
+    struct proposal *node = rtcThreadLocalAlloc(allocator, sizeof *node, 16);
+    struct price *price = rtcThreadLocalAlloc(allocator, sizeof *price, 16);
+    if (!node || !price)
+        return NULL;
+    *node = (struct proposal){.price = price};
     return node;
 }
 
@@ -35,8 +49,8 @@ static void node_set_children(void *pointer, void **children, unsigned child_cou
 {
     (void)user;
     struct proposal *node = pointer;
-    if (node)
-        memcpy(node->below, children, child_count * sizeof(void *));
+    for (unsigned i = 0; node && i < child_count; i++)
+        node->child[i] = children[i];
 }
 
 static void node_set_bounds(void *pointer, const struct RTCBounds **bounds, unsigned child_count, void *user)
@@ -48,23 +62,20 @@ static void *leaf_create(RTCThreadLocalAllocator allocator, const struct RTCBuil
                          void *user)
 {
     (void)user;
-    struct proposal *leaf = rtcThreadLocalAlloc(allocator, sizeof *leaf + count * sizeof(uint32_t), 16);
+    struct proposal *leaf = count > PROPOSAL_LEAF ? NULL : rtcThreadLocalAlloc(allocator, sizeof *leaf, 16);
     if (leaf) {
-        leaf->child_count = 0;
-        leaf->primitive_count = (uint32_t)count;
+        *leaf = (struct proposal){.primitive_count = (uint32_t)count};
         for (size_t i = 0; i < count; i++)
-            ((uint32_t *)leaf->below)[i] = primitives[i].primID;
+            leaf->ids[i] = primitives[i].primID;
     }
     return leaf;
 }
 
 struct builder {
     struct gn_ref_bvh *bvh;
-    const struct gn_ref_vertex (*triangles)[3];
-    const struct gn_ref_bounds *bounds;
-    uint32_t first_id;
-    uint32_t count;
+    const struct gn_ref_bvh_input *input;
     double quantum[3]; /* what every stored bound is a multiple of */
+    double size, whole_area; /* of the scene's box */
     bool *seen;
     char *error;
     size_t error_size;
@@ -79,33 +90,6 @@ static bool __attribute__((format(printf, 2, 3))) fail(struct builder *builder, 
         va_end(arguments);
     }
     return false;
-}
-
-/*
- * Counts what the tree needs, and checks it: complete, nothing twice, not too deep. A wrong proposal is an error of
- * the machine or of Embree, but it must not become a wrong answer.
- */
-static bool proposal_count(struct builder *builder, const struct proposal *p, uint32_t depth, uint64_t counts[2])
-{
-    if (!p)
-        return fail(builder, "out of memory while building the tree over %u primitives", builder->count);
-    if (depth > GN_REF_MAX_DEPTH)
-        return fail(builder, "the tree over %u primitives is deeper than %d levels", builder->count,
-                    GN_REF_MAX_DEPTH);
-    if (p->child_count > GN_REF_NODE_WIDTH || p->primitive_count > GN_REF_NODE_WIDTH)
-        return fail(builder, "a node of the tree has %u children and %u primitives, expected at most %d",
-                    p->child_count, p->primitive_count, GN_REF_NODE_WIDTH);
-    counts[p->child_count == 0]++;
-    for (uint32_t i = 0; i < p->child_count; i++)
-        if (!proposal_count(builder, p->below[i], depth + 1, counts))
-            return false;
-    const uint32_t *ids = (const uint32_t *)p->below;
-    for (uint32_t i = 0; i < p->primitive_count; i++) {
-        if (ids[i] >= builder->count || builder->seen[ids[i]])
-            return fail(builder, "primitive %u is in the tree twice or unknown", ids[i]);
-        builder->seen[ids[i]] = true;
-    }
-    return true;
 }
 
 static void bounds_extend(struct gn_ref_bounds *bounds, const struct gn_ref_bounds *other)
@@ -154,41 +138,139 @@ static void vertex_extend(const struct builder *builder, struct gn_ref_bounds *b
 /* Bounds of a primitive as nodes store them. */
 static struct gn_ref_bounds primitive_bounds(const struct builder *builder, uint32_t index)
 {
-    if (!builder->triangles)
-        return builder->bounds[index];
+    if (!builder->input->triangles)
+        return builder->input->bounds[index];
     struct gn_ref_bounds bounds = nothing;
     for (int v = 0; v < 3; v++)
-        vertex_extend(builder, &bounds, &builder->triangles[index][v]);
+        vertex_extend(builder, &bounds, &builder->input->triangles[index][v]);
     return bounds;
 }
 
-/* Lane l, and all beyond it so that nothing is computed from garbage: they are overwritten or not used. */
-static void block_set(struct builder *builder, uint32_t leaf, uint32_t lane, uint32_t index)
+/* Half the surface of a box. */
+static double box_area(const struct gn_ref_bounds *bounds)
 {
-    struct gn_ref_bvh *bvh = builder->bvh;
-    for (uint32_t l = lane; l < GN_REF_NODE_WIDTH; l++) {
-        uint32_t id = l == lane ? builder->first_id + index : GN_REF_NONE;
-        if (!builder->triangles) {
-            bvh->boxes[leaf][l] = id;
-            continue;
+    double size[3];
+    for (int axis = 0; axis < 3; axis++)
+        size[axis] = fmin(fmax((double)bounds->upper[axis] - bounds->lower[axis], 0), 0x1p100);
+    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+}
+
+/* As a share of the scene's. */
+static float relative_area(const struct builder *builder, const struct gn_ref_bounds *bounds)
+{
+    return builder->whole_area > 0 ? (float)(box_area(bounds) / builder->whole_area) : 1;
+}
+
+/* What a visit costs, about, in units of a node's. */
+#define LEAF_COST 1.0f
+
+/*
+ * Checks the proposal (complete, nothing twice, not too deep: a wrong one is an error of the machine or of Embree, but
+ * it must not become a wrong answer) and finds how it is best taken apart into nodes of up to eight children and leaves
+ * of up to eight primitives: c(n) = the cost of a subtree as at most n children of a node above it, by dynamic
+ * programming from the leaves up. Eight boxes or triangles cost as much as one, so full ones are cheap.
+ */
+static bool proposal_price(struct builder *builder, struct proposal *p, uint32_t depth, struct gn_ref_bounds *out_bounds,
+                           float *out_leaf_cost)
+{
+    uint32_t count = builder->input->count;
+    if (!p)
+        return fail(builder, "out of memory while building the tree over %u primitives", count);
+    if (depth > GN_REF_MAX_DEPTH)
+        return fail(builder, "the tree over %u primitives is deeper than %d levels", count, GN_REF_MAX_DEPTH);
+    *out_bounds = nothing;
+    if (!p->price) {
+        for (uint32_t i = 0; i < p->primitive_count; i++) {
+            if (p->ids[i] >= count || builder->seen[p->ids[i]])
+                return fail(builder, "primitive %u is in the tree twice or unknown", p->ids[i]);
+            builder->seen[p->ids[i]] = true;
+            struct gn_ref_bounds bounds = primitive_bounds(builder, p->ids[i]);
+            bounds_extend(out_bounds, &bounds);
         }
-        double error = 0;
-        for (int v = 0; v < 3; v++) {
-            const struct gn_ref_vertex *vertex = &builder->triangles[index][v];
-            error = fmax(error, vertex->error);
-            for (int axis = 0; axis < 3; axis++)
-                if (bvh->blocks_f32)
-                    bvh->blocks_f32[leaf].w[v][axis][l] = (float)vertex->w[axis];
-                else
-                    bvh->blocks_f64[leaf].w[v][axis][l] = vertex->w[axis];
-        }
-        if (bvh->blocks_f32) {
-            bvh->blocks_f32[leaf].id[l] = id;
-        } else {
-            bvh->blocks_f64[leaf].id[l] = id;
-            bvh->blocks_f64[leaf].error[l] = error;
+        *out_leaf_cost = LEAF_COST * relative_area(builder, out_bounds);
+        return true;
+    }
+    struct price *price = p->price;
+    const struct price *below[2];
+    float leaf_cost[2];
+    for (int i = 0; i < 2; i++) {
+        struct gn_ref_bounds bounds;
+        if (!proposal_price(builder, p->child[i], depth + 1, &bounds, &leaf_cost[i]))
+            return false;
+        bounds_extend(out_bounds, &bounds);
+        below[i] = p->child[i]->price;
+        p->primitive_count += p->child[i]->primitive_count;
+    }
+    for (unsigned n = 2; n <= GN_REF_NODE_WIDTH; n++) {
+        price->parts[n] = INFINITY;
+        price->left[n] = 1;
+        for (unsigned k = 1; k < n; k++) {
+            float cost = 0;
+            for (int i = 0; i < 2; i++) {
+                unsigned share = i == 0 ? k : n - k;
+                float least = below[i] ? below[i]->whole : leaf_cost[i];
+                if (below[i] && share > 1 && below[i]->parts[share] < least)
+                    least = below[i]->parts[share];
+                cost += least;
+            }
+            if (cost < price->parts[n]) {
+                price->parts[n] = cost;
+                price->left[n] = (uint8_t)k;
+            }
         }
     }
+    float area = relative_area(builder, out_bounds);
+    price->whole = area + price->parts[GN_REF_NODE_WIDTH];
+    price->is_leaf = p->primitive_count <= GN_REF_NODE_WIDTH && LEAF_COST * area <= price->whole;
+    if (price->is_leaf)
+        price->whole = LEAF_COST * area;
+    *out_leaf_cost = price->whole;
+    return true;
+}
+
+static bool proposal_is_leaf(const struct proposal *p)
+{
+    return !p->price || p->price->is_leaf;
+}
+
+/* The children of a node above that p becomes, at most n. */
+static uint32_t proposal_part(const struct proposal *p, unsigned n, const struct proposal **out)
+{
+    if (n == 1 || !p->price || p->price->whole <= p->price->parts[n]) {
+        *out = p;
+        return 1;
+    }
+    uint32_t count = proposal_part(p->child[0], p->price->left[n], out);
+    return count + proposal_part(p->child[1], n - p->price->left[n], out + count);
+}
+
+static uint32_t proposal_children(const struct proposal *p, const struct proposal *out[GN_REF_NODE_WIDTH])
+{
+    unsigned left = p->price->left[GN_REF_NODE_WIDTH];
+    uint32_t count = proposal_part(p->child[0], left, out);
+    return count + proposal_part(p->child[1], GN_REF_NODE_WIDTH - left, out + count);
+}
+
+static uint32_t proposal_ids(const struct proposal *p, uint32_t *out)
+{
+    if (!p->price) {
+        memcpy(out, p->ids, p->primitive_count * sizeof *out);
+        return p->primitive_count;
+    }
+    uint32_t count = proposal_ids(p->child[0], out);
+    return count + proposal_ids(p->child[1], out + count);
+}
+
+/* Nodes, then leaves. */
+static void proposal_count(const struct proposal *p, uint64_t counts[2])
+{
+    counts[proposal_is_leaf(p)]++;
+    if (proposal_is_leaf(p))
+        return;
+    const struct proposal *children[GN_REF_NODE_WIDTH];
+    uint32_t count = proposal_children(p, children);
+    for (uint32_t i = 0; i < count; i++)
+        proposal_count(children[i], counts);
 }
 
 static bool is_multiple(double value, double quantum)
@@ -200,48 +282,167 @@ static bool is_multiple(double value, double quantum)
  * 2^-46 of the extent, so that differences of multiples of it that are up to 64 times the extent are exact in f64:
  * certified.h says what for. Only coordinates that are nearly 0 are finer.
  */
-static bool leaf_is_fine(const struct builder *builder, const struct proposal *p)
+static bool triangle_is_fine(const struct builder *builder, uint32_t index)
 {
-    const uint32_t *ids = (const uint32_t *)p->below;
     double quantum = builder->bvh->quantum;
-    for (uint32_t i = 0; quantum > 0 && i < p->primitive_count; i++)
-        for (int v = 0; v < 3; v++)
-            for (int axis = 0; axis < 3; axis++)
-                if (!is_multiple(builder->triangles[ids[i]][v].w[axis], quantum))
-                    return true;
+    for (int v = 0; v < 3 && quantum > 0; v++)
+        for (int axis = 0; axis < 3; axis++)
+            if (!is_multiple(builder->input->triangles[index][v].w[axis], quantum))
+                return true;
     return false;
+}
+
+/* The least power of two q with |value| <= 32767 q; 0 for 0. */
+static double grid_step(double value)
+{
+    int exponent;
+    if (!(value > 0) || !(value < 0x1p120))
+        return 0;
+    frexp(value / 32767, &exponent);
+    return ldexp(1, exponent);
+}
+
+/* The f32 that is not below and has only zeros in the lower half of its bits, of 0 .. 1: the upper half. */
+static uint16_t extent_up(double value)
+{
+    float rounded = (float)value;
+    if ((double)rounded < value)
+        rounded = nextafterf(rounded, INFINITY);
+    uint32_t bits;
+    memcpy(&bits, &rounded, sizeof bits);
+    return (uint16_t)((bits + 0xFFFF) >> 16);
+}
+
+static void leaf_range(const struct builder *builder, const uint32_t *ids, uint32_t count, int axis, double *lower,
+                       double *upper)
+{
+    *lower = INFINITY;
+    *upper = -INFINITY;
+    for (uint32_t i = 0; i < count; i++)
+        for (int v = 0; v < 3; v++) {
+            double w = builder->input->triangles[ids[i]][v].w[axis];
+            *lower = fmin(*lower, w);
+            *upper = fmax(*upper, w);
+        }
+}
+
+static void leaf_f32_set(struct builder *builder, struct gn_ref_leaf_f32 *leaf, const uint32_t *ids, uint32_t count)
+{
+    double half[3], most = 0;
+    *leaf = (struct gn_ref_leaf_f32){.count = (uint8_t)count};
+    for (int axis = 0; axis < 3; axis++) {
+        double lower, upper;
+        leaf_range(builder, ids, count, axis, &lower, &upper);
+        leaf->origin[axis] = (float)(lower + (upper - lower) / 2);
+        half[axis] = nextafter(fmax(upper - leaf->origin[axis], leaf->origin[axis] - lower), INFINITY);
+        most = fmax(most, half[axis]);
+        for (uint32_t l = 0; l < GN_REF_NODE_WIDTH; l++)
+            for (int v = 0; v < 3; v++)
+                leaf->w[v][axis][l] = (float)builder->input->triangles[ids[l < count ? l : 0]][v].w[axis];
+    }
+    /* Its power of two and the inverse have to be f32; beyond 2^91 nobody asks. */
+    int exponent;
+    frexp(most, &exponent);
+    exponent = exponent < -100 ? -100 : exponent > 100 ? 100 : exponent;
+    leaf->exponent = (int16_t)exponent;
+    for (int axis = 0; axis < 3; axis++)
+        leaf->extent[axis] = extent_up(ldexp(half[axis], -exponent));
+    for (uint32_t l = 0; l < count; l++) {
+        leaf->fine |= triangle_is_fine(builder, ids[l]);
+        leaf->primitive[l] = builder->input->primitives[ids[l]];
+    }
+    builder->bvh->triangle_count += count;
+}
+
+/*
+ * The grid is along each axis as coarse as 16 bits ask for, but no finer than 2^-40 of the scene or of the leaf's
+ * coarsest axis, so that nothing leaves f32's range. Steps that the vertices turn out not to keep to become infinite.
+ */
+static void leaf_i16_set(struct builder *builder, struct gn_ref_leaf_i16 *leaf, const uint32_t *ids, uint32_t count)
+{
+    const double *origin = builder->bvh->centre;
+    double middle[3], step[3], size = grid_step(builder->size * 0x1p-25);
+    *leaf = (struct gn_ref_leaf_i16){.first = builder->bvh->triangle_count, .count = (uint8_t)count};
+    for (int axis = 0; axis < 3; axis++) {
+        double lower, upper;
+        leaf_range(builder, ids, count, axis, &lower, &upper);
+        leaf->centre[axis] = (float)(lower + (upper - lower) / 2 - origin[axis]);
+        middle[axis] = leaf->centre[axis];
+        step[axis] = grid_step(fmax(upper - origin[axis] - middle[axis], middle[axis] - (lower - origin[axis])));
+        size = fmax(size, step[axis]);
+    }
+    bool usable = size >= 0x1p-125 && size <= 0x1p100;
+    leaf->inverse_size = usable ? (float)(1 / size) : 1;
+    for (int axis = 0; axis < 3; axis++) {
+        step[axis] = fmax(step[axis], size * 0x1p-40);
+        bool kept = usable;
+        for (uint32_t l = 0; usable && l < count; l++)
+            for (int v = 0; v < 3; v++) {
+                const struct gn_ref_vertex *vertex = &builder->input->triangles[ids[l]][v];
+                double w = vertex->w[axis] - origin[axis], d = w - middle[axis], k = rint(d / step[axis]);
+                /* Both differences are rounded. */
+                double off = fabs(d - k * step[axis]) + 0x1p-51 * (fabs(w) + fabs(middle[axis])) + vertex->error;
+                kept &= fabs(k) <= 32767 && off <= 0.5625 * step[axis];
+                leaf->k[v][axis][l] = (int16_t)(fabs(k) <= 32767 ? k : 0);
+            }
+        leaf->step[axis] = kept ? (float)(step[axis] / size) : INFINITY;
+    }
+    for (uint32_t l = 0; l < count; l++) {
+        struct gn_ref_triangle_f64 *record = &builder->bvh->triangles[builder->bvh->triangle_count++];
+        const struct gn_ref_vertex *corners = builder->input->triangles[ids[l]];
+        record->primitive = builder->input->primitives[ids[l]];
+        record->error = fmax(corners[0].error, fmax(corners[1].error, corners[2].error));
+        for (int v = 0; v < 3; v++)
+            memcpy(record->w[v], corners[v].w, sizeof record->w[v]);
+    }
 }
 
 static uint32_t leaf_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
 {
-    uint32_t index = builder->bvh->leaf_count++;
+    struct gn_ref_bvh *bvh = builder->bvh;
+    uint32_t index = bvh->leaf_count++, ids[GN_REF_NODE_WIDTH], count = proposal_ids(p, ids);
     *out_bounds = nothing;
-    const uint32_t *ids = (const uint32_t *)p->below;
-    for (uint32_t i = 0; i < p->primitive_count; i++) {
+    for (uint32_t i = 0; i < count; i++) {
         struct gn_ref_bounds bounds = primitive_bounds(builder, ids[i]);
         bounds_extend(out_bounds, &bounds);
-        block_set(builder, index, i, ids[i]);
     }
-    return index | GN_REF_LEAF_BIT | (leaf_is_fine(builder, p) ? GN_REF_FINE_BIT : 0);
+    for (uint32_t l = 0; bvh->boxes && l < GN_REF_NODE_WIDTH; l++)
+        bvh->boxes[index][l] = l < count ? builder->input->first_id + ids[l] : GN_REF_NONE;
+    if (bvh->leaves_f32)
+        leaf_f32_set(builder, &bvh->leaves_f32[index], ids, count);
+    else if (bvh->leaves_i16)
+        leaf_i16_set(builder, &bvh->leaves_i16[index], ids, count);
+    return index | GN_REF_LEAF_BIT;
 }
 
-static uint32_t node_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
+static uint32_t node_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds);
+
+/* A node above `count` children. */
+static uint32_t children_emit(struct builder *builder, const struct proposal *const *children, uint32_t count,
+                              struct gn_ref_bounds *out_bounds)
 {
-    if (p->child_count == 0)
-        return leaf_emit(builder, p, out_bounds);
     uint32_t index = builder->bvh->node_count++;
     struct gn_ref_node *node = &builder->bvh->nodes[index];
     *out_bounds = nothing;
     for (uint32_t i = 0; i < GN_REF_NODE_WIDTH; i++) {
         struct gn_ref_bounds bounds = nothing;
-        node->child[i] = i < p->child_count ? node_emit(builder, p->below[i], &bounds) : GN_REF_NONE;
+        node->child[i] = i < count ? node_emit(builder, children[i], &bounds) : GN_REF_NONE;
         for (int axis = 0; axis < 3; axis++) {
             node->lower[axis][i] = bounds.lower[axis];
             node->upper[axis][i] = bounds.upper[axis];
         }
+        node->unused[i] = 0;
         bounds_extend(out_bounds, &bounds);
     }
     return index;
+}
+
+static uint32_t node_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds)
+{
+    const struct proposal *children[GN_REF_NODE_WIDTH];
+    if (proposal_is_leaf(p))
+        return leaf_emit(builder, p, out_bounds);
+    return children_emit(builder, children, proposal_children(p, children), out_bounds);
 }
 
 /*
@@ -253,16 +454,18 @@ static void centre_choose(struct builder *builder)
 {
     struct gn_ref_bvh *bvh = builder->bvh;
     struct gn_ref_bounds all = nothing;
-    for (uint32_t i = 0; i < builder->count; i++)
-        bounds_extend(&all, &builder->bounds[i]);
+    for (uint32_t i = 0; i < builder->input->count; i++)
+        bounds_extend(&all, &builder->input->bounds[i]);
     double size = 0;
     for (int axis = 0; axis < 3; axis++)
         size = fmax(size, (double)all.upper[axis] - all.lower[axis]);
+    builder->whole_area = box_area(&all);
+    builder->size = size;
     for (int axis = 0; axis < 3; axis++) {
         double lower = all.lower[axis], upper = all.upper[axis];
         int size_exponent, exponent;
         bvh->centre[axis] = builder->quantum[axis] = 0;
-        if (!builder->triangles || !(fabs(lower) <= 0x1p90) || !(fabs(upper) <= 0x1p90) || !(size >= 0x1p-80) ||
+        if (!builder->input->triangles || !(fabs(lower) <= 0x1p90) || !(fabs(upper) <= 0x1p90) || !(size >= 0x1p-80) ||
             !(size <= 0x1p91))
             continue;
         frexp(size, &size_exponent);
@@ -279,9 +482,9 @@ static void centre_choose(struct builder *builder)
 /* Whether f32 holds all vertices without loss. */
 static bool all_f32(const struct builder *builder)
 {
-    for (uint32_t i = 0; i < builder->count; i++)
+    for (uint32_t i = 0; i < builder->input->count; i++)
         for (int v = 0; v < 3; v++) {
-            const struct gn_ref_vertex *vertex = &builder->triangles[i][v];
+            const struct gn_ref_vertex *vertex = &builder->input->triangles[i][v];
             for (int axis = 0; axis < 3; axis++)
                 if (vertex->error != 0 || !(fabs(vertex->w[axis]) <= 0x1.fffffep127) ||
                     (double)(float)vertex->w[axis] != vertex->w[axis])
@@ -299,28 +502,34 @@ static float moderate(float value)
     return value > 0x1p60f ? 0x1p60f : value < -0x1p60f ? -0x1p60f : value;
 }
 
+#define HUGE_PAGE ((size_t)1 << 21)
+
+/* A leaf's number and a lane make an id, and box ids come after all of them. */
+#define MOST_LEAVES (UINT32_C(1) << 28)
+
 static void *allocate(struct builder *builder, uint64_t count, size_t size)
 {
-    if (count >= GN_REF_FINE_BIT) {
-        fail(builder, "the tree needs %llu entries, the limit is %u", (unsigned long long)count, GN_REF_FINE_BIT - 1);
+    if (count >= GN_REF_LEAF_BIT) {
+        fail(builder, "the tree needs %llu entries, the limit is %u", (unsigned long long)count, GN_REF_LEAF_BIT - 1);
         return NULL;
     }
     void *memory = NULL;
-    size_t bytes = (size_t)(count ? count : 1) * size;
-    if (posix_memalign(&memory, 64, bytes) != 0) {
+    size_t bytes = (size_t)(count ? count : 1) * size, alignment = bytes < HUGE_PAGE ? 64 : HUGE_PAGE;
+    if (posix_memalign(&memory, alignment, bytes) != 0) {
         fail(builder, "out of memory: %zu bytes for the tree", bytes);
         return NULL;
     }
+    /* Fewer look-ups of addresses; whether the system grants it makes no difference otherwise. */
+    if (bytes >= HUGE_PAGE)
+        madvise(memory, bytes / HUGE_PAGE * HUGE_PAGE, MADV_HUGEPAGE);
     return memory;
 }
 
-bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3],
-                      const struct gn_ref_bounds *bounds, uint32_t first_id, uint32_t count, char *error,
-                      size_t error_size)
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, char *error, size_t error_size)
 {
     *out = (struct gn_ref_bvh){0};
-    struct builder builder = {.bvh = out, .triangles = triangles, .bounds = bounds, .first_id = first_id,
-                              .count = count, .error = error, .error_size = error_size};
+    struct builder builder = {.bvh = out, .input = input, .error = error, .error_size = error_size};
+    uint32_t count = input->count;
     RTCDevice device = NULL;
     RTCBVH memory = NULL;
     struct RTCBuildPrimitive *primitives = NULL;
@@ -353,11 +562,11 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
         };
     }
     struct RTCBuildArguments arguments = rtcDefaultBuildArguments();
-    arguments.maxBranchingFactor = GN_REF_NODE_WIDTH;
-    arguments.maxDepth = GN_REF_MAX_DEPTH - 8; /* the builder may go a few levels beyond */
-    arguments.sahBlockSize = GN_REF_NODE_WIDTH;
-    arguments.minLeafSize = GN_REF_NODE_WIDTH / 2;
-    arguments.maxLeafSize = GN_REF_NODE_WIDTH;
+    arguments.maxBranchingFactor = 2;
+    arguments.maxDepth = GN_REF_MAX_DEPTH - 34; /* the builder halves what is left then, up to 2^30 of it */
+    arguments.sahBlockSize = 1;
+    arguments.minLeafSize = PROPOSAL_LEAF;
+    arguments.maxLeafSize = PROPOSAL_LEAF;
     arguments.bvh = memory;
     arguments.primitives = primitives;
     arguments.primitiveCount = count;
@@ -366,51 +575,50 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*trian
     arguments.setNodeChildren = node_set_children;
     arguments.setNodeBounds = node_set_bounds;
     arguments.createLeaf = leaf_create;
-    const struct proposal *root = rtcBuildBVH(&arguments);
+    struct proposal *root = rtcBuildBVH(&arguments);
     enum RTCError code = rtcGetDeviceError(device);
     if (!root || code != RTC_ERROR_NONE) {
         fail(&builder, "Embree's builder failed with error %d over %u primitives", (int)code, count);
         goto out;
     }
 
-    uint64_t counts[2] = {0};
-    if (!proposal_count(&builder, root, 1, counts))
+    struct gn_ref_bounds root_bounds;
+    float cost;
+    if (!proposal_price(&builder, root, 1, &root_bounds, &cost))
         goto out;
     for (uint32_t i = 0; i < count; i++)
         if (!builder.seen[i]) {
             fail(&builder, "primitive %u of %u is missing in the tree", i, count);
             goto out;
         }
-    /* The traversal starts at a node: a tree that is one leaf gets one above it. */
-    bool lone_leaf = root->child_count == 0;
-    out->nodes = allocate(&builder, counts[0] + lone_leaf, sizeof *out->nodes);
-    if (!triangles)
-        out->boxes = allocate(&builder, counts[1], sizeof *out->boxes);
-    else if (all_f32(&builder))
-        out->blocks_f32 = allocate(&builder, counts[1], sizeof *out->blocks_f32);
-    else
-        out->blocks_f64 = allocate(&builder, counts[1], sizeof *out->blocks_f64);
-    if (!out->blocks_f32)
-        out->quantum = 0;
-    if (!out->nodes || (!out->boxes && !out->blocks_f32 && !out->blocks_f64))
-        goto out;
-    struct gn_ref_bounds root_bounds;
-    if (lone_leaf) {
-        struct proposal *above = malloc(sizeof *above + sizeof(void *));
-        if (!above) {
-            fail(&builder, "out of memory for the root of the tree");
-            goto out;
-        }
-        above->child_count = 1;
-        above->primitive_count = 0;
-        memcpy(above->below, &root, sizeof root);
-        node_emit(&builder, above, &root_bounds);
-        free(above);
-    } else {
-        node_emit(&builder, root, &root_bounds);
-    }
     for (int axis = 0; axis < 3; axis++)
         out->half[axis] = fmax(fabs(root_bounds.lower[axis]), fabs(root_bounds.upper[axis]));
+    uint64_t counts[2] = {0};
+    proposal_count(root, counts);
+    if (counts[1] >= MOST_LEAVES) {
+        fail(&builder, "the tree has %llu leaves, expected fewer than %u", (unsigned long long)counts[1], MOST_LEAVES);
+        goto out;
+    }
+    bool f32 = input->triangles && all_f32(&builder);
+    if (!f32)
+        out->quantum = 0;
+    /* The traversal starts at a node: a tree that is one leaf gets one above it. */
+    bool lone_leaf = proposal_is_leaf(root);
+    out->nodes = allocate(&builder, counts[0] + lone_leaf, sizeof *out->nodes);
+    bool allocated;
+    if (!input->triangles)
+        allocated = (out->boxes = allocate(&builder, counts[1], sizeof *out->boxes));
+    else if (f32)
+        allocated = (out->leaves_f32 = allocate(&builder, counts[1], sizeof *out->leaves_f32));
+    else
+        allocated = (out->leaves_i16 = allocate(&builder, counts[1], sizeof *out->leaves_i16)) &&
+                    (out->triangles = allocate(&builder, count, sizeof *out->triangles));
+    if (!out->nodes || !allocated)
+        goto out;
+    if (lone_leaf)
+        children_emit(&builder, (const struct proposal *[]){root}, 1, &root_bounds);
+    else
+        node_emit(&builder, root, &root_bounds);
     done = true;
 out:
     free(primitives);
@@ -427,14 +635,16 @@ out:
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh)
 {
     free(bvh->nodes);
-    free(bvh->blocks_f32);
-    free(bvh->blocks_f64);
+    free(bvh->leaves_f32);
+    free(bvh->leaves_i16);
+    free(bvh->triangles);
     free(bvh->boxes);
     *bvh = (struct gn_ref_bvh){0};
 }
 
 uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh)
 {
-    size_t leaf = bvh->blocks_f32 ? sizeof *bvh->blocks_f32 : bvh->blocks_f64 ? sizeof *bvh->blocks_f64 : sizeof *bvh->boxes;
-    return (uint64_t)bvh->node_count * sizeof *bvh->nodes + (uint64_t)bvh->leaf_count * leaf;
+    size_t leaf = bvh->boxes ? sizeof *bvh->boxes : bvh->leaves_f32 ? sizeof *bvh->leaves_f32 : sizeof *bvh->leaves_i16;
+    return (uint64_t)bvh->node_count * sizeof *bvh->nodes + (uint64_t)bvh->leaf_count * leaf +
+           (bvh->triangles ? (uint64_t)bvh->triangle_count * sizeof *bvh->triangles : 0);
 }

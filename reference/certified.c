@@ -78,13 +78,19 @@ static const struct kernel *kernel_choose(void)
 
 /* A ray, and what is found about it. */
 
-static void take(struct gn_ref_flight *flight, const struct gn_ref_candidate *candidate, const struct gn_ref_scene *scene)
+static void take(const struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                 const struct gn_ref_candidate *candidate)
 {
+    __builtin_prefetch(gn_ref_scene_primitive(call->scene, candidate->id));
     flight->best = *candidate;
+    if (call->any) {
+        flight->depth = 0;
+        flight->s_limit_f32 = -1;
+        return;
+    }
     float limit = gn_ref_f32_up(candidate->upper);
     if (limit < flight->s_limit_f32)
         flight->s_limit_f32 = limit;
-    __builtin_prefetch(&scene->primitives[candidate->id]);
 }
 
 /* The trace of the slow stages, for this flight's ray. */
@@ -110,17 +116,19 @@ static struct gn_ref_trace *slow_stage(struct gn_ref_certified *call, struct gn_
     return slow;
 }
 
-static void lane_corners(const struct gn_ref_bvh *bvh, uint32_t leaf, int lane, double out[3][3])
+/* False when they are not known exactly. */
+static bool corners_of(const struct gn_ref_bvh *bvh, uint32_t id, double out[3][3])
 {
+    uint32_t leaf = id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
+    if (!bvh->leaves_f32) {
+        const struct gn_ref_triangle_f64 *triangle = &bvh->triangles[bvh->leaves_i16[leaf].first + lane];
+        memcpy(out, triangle->w, sizeof triangle->w);
+        return triangle->error == 0;
+    }
     for (int v = 0; v < 3; v++)
         for (int axis = 0; axis < 3; axis++)
-            out[v][axis] = bvh->blocks_f32 ? (double)bvh->blocks_f32[leaf].w[v][axis][lane]
-                                           : bvh->blocks_f64[leaf].w[v][axis][lane];
-}
-
-static bool lane_is_exact(const struct gn_ref_bvh *bvh, uint32_t leaf, int lane)
-{
-    return bvh->blocks_f32 || bvh->blocks_f64[leaf].error[lane] == 0;
+            out[v][axis] = bvh->leaves_f32[leaf].w[v][axis][lane];
+    return true;
 }
 
 /*
@@ -132,12 +140,10 @@ static bool same_feature(const struct gn_ref_bvh *bvh, const struct gn_ref_candi
 {
     /* The vertices that the point is a combination of: those whose edge function is not 0. */
     unsigned left = ~a->zeros & 7u, right = ~b->zeros & 7u;
-    if (__builtin_popcount(left) != __builtin_popcount(right) || !lane_is_exact(bvh, a->leaf, a->lane) ||
-        !lane_is_exact(bvh, b->leaf, b->lane))
-        return false;
     double p[3][3], q[3][3];
-    lane_corners(bvh, a->leaf, a->lane, p);
-    lane_corners(bvh, b->leaf, b->lane, q);
+    if (__builtin_popcount(left) != __builtin_popcount(right) || !corners_of(bvh, a->id, p) ||
+        !corners_of(bvh, b->id, q))
+        return false;
     for (int i = 0; i < 3; i++) {
         bool matched = !(left >> i & 1);
         for (int j = 0; j < 3 && !matched; j++)
@@ -157,12 +163,14 @@ static bool before_best(struct gn_ref_certified *call, struct gn_ref_flight *fli
         return true;
     if (candidate->lower > best->upper)
         return false;
+    bool first = gn_ref_primitive_compare(gn_ref_scene_primitive(call->scene, candidate->id),
+                                          gn_ref_scene_primitive(call->scene, best->id)) < 0;
     if (same_feature(&call->scene->bvh, candidate, best))
-        return candidate->id < best->id;
+        return first;
     struct gn_ref_found a = {.id = candidate->id, .t = {-INFINITY, INFINITY}, .zeros = candidate->zeros};
     struct gn_ref_found b = {.id = best->id, .t = {-INFINITY, INFINITY}, .zeros = best->zeros};
     int order = gn_ref_trace_compare(slow_stage(call, flight), &a, &b);
-    return order < 0 || (order == 0 && candidate->id < best->id);
+    return order < 0 || (order == 0 && first);
 }
 
 static bool facing_admitted(const struct gn_ref_scene *scene, const struct gn_ref_flight *flight,
@@ -174,11 +182,47 @@ static bool facing_admitted(const struct gn_ref_scene *scene, const struct gn_re
     return gn_ref_trace_admits_facing(scene, flight->ray, flight->tests, candidate->id, front);
 }
 
+bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id, const double edge[3],
+                          double error)
+{
+    const struct gn_ref_candidate *best = &flight->best;
+    struct gn_ref_candidate candidate = *best;
+    double p[3][3], q[3][3];
+    unsigned shared = 0, zero = 7;
+    if (best->id == GN_REF_NONE || flight->tests || !corners_of(&call->scene->bvh, best->id, p) ||
+        !corners_of(&call->scene->bvh, id, q))
+        return false;
+    for (int i = 0; i < 3; i++)
+        for (int j = 0; j < 3; j++)
+            if (!(best->zeros >> i & 1) && p[i][0] == q[j][0] && p[i][1] == q[j][1] && p[i][2] == q[j][2]) {
+                shared |= 1u << i;
+                zero &= ~(1u << j);
+            }
+    /* All corners that the point is a combination of; their edge functions are of one sign, or all are 0. */
+    if (shared != (~best->zeros & 7u) || __builtin_popcount(zero) != __builtin_popcount(best->zeros))
+        return false;
+    int sign = 0;
+    for (int j = 0; j < 3; j++)
+        if (!(zero >> j & 1) && fabs(edge[j]) > error)
+            sign = edge[j] > 0 ? 1 : -1;
+    if (sign == 0)
+        return false;
+    if (gn_ref_primitive_compare(gn_ref_scene_primitive(call->scene, id),
+                                 gn_ref_scene_primitive(call->scene, best->id)) > 0)
+        return true;
+    candidate.id = id;
+    candidate.zeros = (uint16_t)zero;
+    candidate.sum_sign = (flight->sign < 0) ? -sign : sign;
+    candidate.barycentric_error = INFINITY; /* the caller wants others */
+    flight->best = candidate;
+    return true;
+}
+
 void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
                             const struct gn_ref_candidate *candidate)
 {
     if (!(candidate->lower > flight->s_first && candidate->upper < flight->s_last)) {
-        gn_ref_certified_consider(call, flight, candidate->leaf, candidate->lane);
+        gn_ref_certified_consider(call, flight, candidate->id);
         return;
     }
     bool opaque;
@@ -186,7 +230,7 @@ void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight 
                           !facing_admitted(call->scene, flight, candidate)))
         return;
     if (before_best(call, flight, candidate))
-        take(flight, candidate, call->scene);
+        take(call, flight, candidate);
 }
 
 /* What the integers of wide.c say of a triangle. */
@@ -234,7 +278,7 @@ static enum decision triangle_decide(struct gn_ref_certified *call, struct gn_re
     struct gn_ref_found found = {.id = candidate->id};
     if (!gn_ref_trace_triangle_exact(slow, &found))
         return DECISION_MISS;
-    const struct gn_ref_primitive *primitive = &call->scene->primitives[candidate->id];
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(call->scene, candidate->id);
     bool flipped = call->scene->instances[primitive->instance].flags & GN_REF_INSTANCE_FLIP_FACING;
     int determinant_sign = call->scene->instance_data[primitive->instance].determinant_sign;
     candidate->sum_sign = found.front != flipped ? -determinant_sign : determinant_sign;
@@ -247,21 +291,16 @@ static enum decision triangle_decide(struct gn_ref_certified *call, struct gn_re
     return DECISION_HIT;
 }
 
-void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t leaf, int lane)
+void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id)
 {
-    const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    struct gn_ref_candidate candidate = {
-        .id = bvh->blocks_f32 ? bvh->blocks_f32[leaf].id[lane] : bvh->blocks_f64[leaf].id[lane],
-        .leaf = leaf,
-        .lane = (uint16_t)lane,
-    };
+    struct gn_ref_candidate candidate = {.id = id};
     bool opaque;
     if (flight->tests && !gn_ref_trace_admits(call->scene, flight->ray, flight->tests, candidate.id, &opaque))
         return;
     if (triangle_decide(call, flight, &candidate) != DECISION_HIT || !facing_admitted(call->scene, flight, &candidate))
         return;
     if (before_best(call, flight, &candidate))
-        take(flight, &candidate, call->scene);
+        take(call, flight, &candidate);
 }
 
 static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *flight, struct gn_ref_hit *out)
@@ -277,7 +316,7 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
         gn_ref_trace_hit_write(slow_stage(call, flight), &found, out);
         return 1;
     }
-    const struct gn_ref_primitive *primitive = &scene->primitives[best->id];
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, best->id);
     double t = best->s / flight->length;
     *out = (struct gn_ref_hit){
         .type = GN_REF_TRIANGLES,
@@ -303,6 +342,7 @@ static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene 
     call->fits_cache = gn_ref_bvh_bytes(&scene->bvh) <= FITS_CACHE_BYTES;
     call->forced = gn_ref_effects_forced();
     call->counts = gn_ref_effects_counting();
+    call->any = false;
     call->filtered = call->rejected_f32 = call->sharpened = 0;
     call->slow_ray = NULL;
     gn_ref_environment_enter(&call->environment);
@@ -354,13 +394,18 @@ static bool ray_begin(struct gn_ref_certified *call, struct gn_ref_flight *fligh
     return true;
 }
 
+static struct gn_ref_hit *hit_of(struct gn_ref_certified *call, size_t index)
+{
+    return call->hits ? (struct gn_ref_hit *)(void *)((char *)call->hits + index * call->stride) : &call->unwanted;
+}
+
 bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *flight)
 {
     while (call->next < call->count) {
         size_t i = call->next++;
         int found;
         flight->index = i;
-        if (ray_begin(call, flight, &call->rays[i], &call->hits[i], &found))
+        if (ray_begin(call, flight, &call->rays[i], hit_of(call, i), &found))
             return true;
         call->found[i] = (int8_t)found;
     }
@@ -369,35 +414,38 @@ bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *
 
 void gn_ref_certified_end(struct gn_ref_certified *call, struct gn_ref_flight *flight)
 {
-    call->found[flight->index] = (int8_t)flight_answer(call, flight, &call->hits[flight->index]);
+    int found = call->any ? flight->best.id != GN_REF_NONE : flight_answer(call, flight, hit_of(call, flight->index));
+    call->found[flight->index] = (int8_t)found;
 }
 
-int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
-                                        struct gn_ref_hit *out_hit)
+static int trace_one(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, bool any, struct gn_ref_hit *out_hit)
 {
     struct gn_ref_certified call;
     struct gn_ref_flight flight;
     const struct kernel *kernel = kernel_choose();
     int found;
     call_begin(&call, scene, kernel);
+    call.any = any;
     if (ray_begin(&call, &flight, ray, out_hit, &found)) {
         kernel->run(&call, &flight);
-        found = flight_answer(&call, &flight, out_hit);
+        found = any ? flight.best.id != GN_REF_NONE : flight_answer(&call, &flight, out_hit);
     }
     call_end(&call);
     return found;
 }
 
-void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays,
-                                          size_t count, struct gn_ref_hit *out_hits, int8_t *out_found)
+static void trace_many(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count, bool any,
+                       struct gn_ref_hit *out_hits, size_t stride, int8_t *out_found)
 {
     struct gn_ref_certified call;
     const struct kernel *kernel = kernel_choose();
     call_begin(&call, scene, kernel);
+    call.any = any;
     call.rays = rays;
     call.count = count;
     call.next = 0;
     call.hits = out_hits;
+    call.stride = stride;
     call.found = out_found;
     if (kernel->run && !call.counts && (gn_ref_bvh_bytes(&scene->bvh) > FLY_BYTES || atomic_load(&fly_always))) {
         kernel->run(&call, NULL);
@@ -409,4 +457,34 @@ void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, cons
         }
     }
     call_end(&call);
+}
+
+int gn_ref_trace_closest_triangle_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
+                                        struct gn_ref_hit *out_hit)
+{
+    return trace_one(scene, ray, false, out_hit);
+}
+
+void gn_ref_trace_closest_triangles_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays,
+                                          size_t count, struct gn_ref_hit *out_hits, int8_t *out_found)
+{
+    trace_many(scene, rays, count, false, out_hits, sizeof *out_hits, out_found);
+}
+
+void gn_ref_trace_closest_triangles_apart(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,
+                                          struct gn_ref_hit *out_hits, size_t stride, int8_t *out_found)
+{
+    trace_many(scene, rays, count, false, out_hits, stride, out_found);
+}
+
+int gn_ref_trace_any_triangle(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+{
+    struct gn_ref_hit unwanted;
+    return trace_one(scene, ray, true, &unwanted);
+}
+
+void gn_ref_trace_any_triangles(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,
+                                int8_t *out_found)
+{
+    trace_many(scene, rays, count, true, NULL, 0, out_found);
 }

@@ -1,8 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The fast half of the closest hit: a traversal in f32 that loses no candidate, a filter in f64 over the eight triangles
- * of a leaf, and for what they cannot decide the stages of certified.c. Kernels of the same text are compiled for
- * several instruction sets (certified_kernel.h).
+ * The fast half of the closest hit: a traversal in f32 that loses no candidate, a filter in f32 over the eight triangles
+ * of a leaf, one in f64 for each that is left, and for what they cannot decide the stages of certified.c. Kernels of the
+ * same text are compiled for several instruction sets (certified_kernel.h).
  *
  * Lengths along the ray are measured as s = t |d_k|, k being the axis along which the direction d is largest, so that
  * s is the distance along k and every component of the direction is at most 1 in magnitude. Neither the direction's
@@ -23,24 +23,49 @@
  * (2^-149 at a time) vanishes in its 2^-23 R >= 2^-103. The largest number is below 2^122. No infinity or NaN arises
  * but from the bounds of children that are not there, which are +inf on entry and -inf on exit whatever the sign of i.
  *
- * The filter over triangles is that of filter.c, whose words apply, with two differences. R is the ray's and not the
+ * The filter in f32 says only what is certainly missed. It works about a point c' close to the leaf's triangles and in
+ * units of about the leaf's size, a power of two, so that its errors are those of numbers as small as the leaf is, wherever
+ * the leaf, the scene and the ray's origin are. S = (d_x, d_y) / d_z as in filter.c, |S| <= 1. With
+ *     beta = c'_x - o_x - S_x (c'_z - o_z)   (y alike),
+ * which f64 gives within 2^-49 R (both differences, S, the product and the last difference are wrong by 2^-53 R or a few
+ * times that), a vertex w = c' + v has the sheared coordinate x = v_x + beta - S_x v_z. Let m be the largest |v| along an
+ * axis. v is computed as
+ *     a) w - c' of two f32 (gn_ref_leaf_f32), wrong by u m; or
+ *     b) q k (gn_ref_leaf_i16), exact, with m <= 2^15 q: wrong by 0.5625 q, the vertex's own error included.
+ * The product by the unit or step is exact. Rounded are beta: u |beta|; v_x + beta: u (m_x + |beta|); S: u |S|; its product
+ * with v_z, where that is rounded on its own: u |S| m_z; the last difference: u (m_x + |beta| + |S| m_z). With the errors
+ * of v that is, but for terms in u^2, less than
+ *     a) u (3 m_x + 3 |beta| + 4 |S| m_z);
+ *     b) u (2 m_x + 3 |beta| + 3 m_z) + 0.5625 (q_x + |S| q_z) <= 0.57 q_x + (0.5625 |S| + 0.006) q_z + 3 u |beta|.
+ * Used are, rounded themselves a few times,
+ *     a) eps_x = 5 u (m_x + |S| m_z) + 4 u |beta| + 2^-49 R,   b) eps_x = 0.625 (q_x + (|S| + 2^-6) q_z) + the same.
+ * An edge function B_x C_y - B_y C_x of coordinates that are wrong by eps_x and eps_y is wrong by at most
+ * eps_x (|B_y| + |C_y|) + eps_y (|B_x| + |C_x|) + 2 eps_x eps_y, and by 2 u (1 + u) (|B_x C_y| + |B_y C_x|) from rounding.
+ * With n_x the sum of all three |x|, and n_y, that is covered by
+ *     E = n_y (eps_x + 4 u n_x) + eps_y (n_x + 2.5 eps_x).
+ * Units and steps are powers of two, and steps at least 2^-40: nothing that counts underflows. What overflows, or is not known
+ * (infinite steps), makes E infinite or a NaN, and excludes nothing.
+ *
+ * The filter in f64 is that of filter.c, whose words apply, with two differences. R is the ray's and not the
  * triangle's, which only makes the bound larger. S is d_x times the rounded reciprocal of d_k: an error of 2 u |S|
  * (u = 2^-53 from here on) instead of u |S| and |S| <= 1 + u, which adds u R to the 6 u R that a coordinate was found
  * to be wrong by: eps = 8 u R + 3 e still covers it. The error E = eps (1.5 n + 4 eps) is computed with n over all
  * three vertices, for all three edge functions.
  *
  * Where w - o is exact, that can be had much sharper: when the tree's vertices are f32 and multiples of its quantum q
- * (leaves without GN_REF_FINE_BIT), the ray's origin is too, and R < 2^52 q, for then the difference is a multiple of q
- * below 2^53 q. With fused products, S in two parts, S_1 an f32 and S_2 = (d_x - S_1 d_z) / d_z, whose numerator is exact
+ * (leaves that are not fine), the ray's origin is too, and R < 2^52 q, for then the difference is a multiple of q
+ * below 2^53 q. S comes in two parts, S_1 an f32 and S_2 = (d_x - S_1 d_z) / d_z, whose numerator is exact
  * (a product of 48 bits, and a difference that is below the 24th bit of d_x): S_1 + S_2 is wrong by 2^-53 2^-24 at most, as
- * |S| <= 1. x = a_x - S_1 a_z is within 2^-24 R of the final one and wrong by u |x| + u 2^-24 R from rounding; then
- * - S_2 a_z adds u |x| and R 2^-77 for S. Together 2 u |x| + h, h = 2^-75 R. An edge function B_x C_y - B_y C_x then is
- * wrong by 4 u (|B_x C_y| + |B_y C_x|) + h n + terms of second order from the coordinates, and by 2 u (|B_x C_y| + |B_y C_x|)
- * from rounding. The sum in parentheses is at most (|B_x| + |B_y|) (|C_x| + |C_y|) <= n^2 / 4, so that
+ * |S| <= 1. With fused products x = a_x - S_1 a_z is within 2^-24 R of the final one and wrong by u |x| + u 2^-24 R from
+ * rounding; then - S_2 a_z adds u |x| and R 2^-77 for S. With others, p = fl(S_1 a_z) comes with its rest r, exactly (Dekker's
+ * halves; S_1 is short), |r| <= u R; r + S_2 a_z, below 2^-24 (1 + 2^-20) R, is wrong by 2 u 2^-24 R, and x = (a_x - p) - that
+ * by that, u (|x| + 2^-24 R), u |x| and R 2^-77 for S. Together 2 u |x| + h, h = 2^-75 R, either way. An edge function
+ * B_x C_y - B_y C_x then is wrong by 4 u (|B_x C_y| + |B_y C_x|) + h n + terms of second order from the coordinates, and by
+ * 2 u (|B_x C_y| + |B_y C_x|) from rounding. The sum in parentheses is at most (|B_x| + |B_y|) (|C_x| + |C_y|) <= n^2 / 4,
+ * so that
  *     E = 2 u n^2 + 1.25 h n + 4 h^2
- * covers it. (In fine leaves, and where products are rounded, the two parts of S cost one more rounding of x than the
- * one S of other rays: from a, from the product, from two differences of at most 2 R, 7 u R in all. eps covers it.)
- * Both forms are E = (c_1 n + c_2) n + c_3.
+ * covers it. (In fine leaves the two parts of S cost one more rounding of x than the one S of other rays: from a, from the
+ * product, from two differences of at most 2 R, 7 u R in all. eps covers it.) Both forms are E = (c_1 n + c_2) n + c_3.
  *
  * s of a triangle that is certainly met: edge functions U, V, W are all of one sign, beyond E. S = U + V + W is wrong by
  * at most E_S = 3.5 E + 8 u |S| (a margin for its own rounding), which has to be below |S| / 64. b = V / S, computed as V times
@@ -67,9 +92,7 @@ struct gn_ref_candidate {
     double lower, upper;
     double s, s_error;
     double beta, gamma, barycentric_error;
-    uint32_t id;
-    uint32_t leaf;
-    uint16_t lane;
+    uint32_t id; /* GN_REF_NONE: nothing */
     uint16_t zeros; /* bit i: edge function i is exactly 0 */
     int sum_sign; /* of U + V + W */
 };
@@ -91,9 +114,12 @@ struct gn_ref_flight {
     float s_first_f32; /* rounded down */
     float s_limit_f32; /* rounded up: no larger s is of interest */
     /* The filter, in the order of axes x, y, z = k. */
-    uint32_t offset[3]; /* of the axis in a block, in lanes */
+    uint32_t axis[3];
+    float shear_f32[2];
+    double local[3], shear_whole[2], local_error; /* origin relative to the tree's centre */
     double origin[3];
     double shear[2], shear_rest[2];
+    bool split; /* shear is an f32, and the rest not 0 for that */
     double sign; /* of d_k */
     double direction[3];
     double eps; /* 8 u R */
@@ -103,7 +129,7 @@ struct gn_ref_flight {
     uint32_t tests; /* of these: what may keep a triangle from being met; set by certified.c like the former */
     uint32_t current; /* the child to be visited next */
     uint32_t depth;
-    struct gn_ref_candidate best; /* id GN_REF_NONE: none yet */
+    struct gn_ref_candidate best;
     const struct gn_ref_ray *ray;
     size_t index; /* of the ray in the batch */
     double length; /* |d_k| */
@@ -142,6 +168,7 @@ static inline float gn_ref_f32_up(double value)
 struct gn_ref_certified {
     const struct gn_ref_scene *scene;
     gn_ref_certified_start *start; /* NULL: no kernel is to be used */
+    bool any; /* the first hit will do */
     bool fits_cache; /* the tree is so small that nothing has to be asked for ahead */
     struct gn_ref_environment environment;
     uint32_t forced; /* effects */
@@ -156,7 +183,9 @@ struct gn_ref_certified {
     /* The batch. */
     const struct gn_ref_ray *rays;
     size_t count, next;
-    struct gn_ref_hit *hits;
+    struct gn_ref_hit *hits; /* NULL: not wanted */
+    size_t stride; /* from one to the next, in bytes */
+    struct gn_ref_hit unwanted;
     int8_t *found;
 };
 
@@ -166,7 +195,13 @@ bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *
 void gn_ref_certified_end(struct gn_ref_certified *call, struct gn_ref_flight *flight);
 
 /* Decides about a triangle by the exact stages and takes it if it is nearer than the best. */
-void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t leaf, int lane);
+void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id);
+/*
+ * A triangle about which the filter cannot decide, with what it says of the edge functions: whether the ray meets it exactly
+ * where it meets the best one, in an edge or vertex that they share. Then it is taken if it comes before it.
+ */
+bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id, const double edge[3],
+                          double error);
 /* Takes a triangle that is certainly met unless a mask or flag forbids it or s cannot be placed. */
 void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
                             const struct gn_ref_candidate *candidate);

@@ -1,8 +1,9 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The traversal and the filter of certified.h, once per instruction set: the including file has defined f8 and d8
- * (eight f32, eight f64), operations on them, FUSED, whether a product and a sum are rounded once, and GN_REF_KERNEL and
- * GN_REF_KERNEL_START, the names of the entries. The bounds allow for both.
+ * The traversal and the filters of certified.h, once per instruction set: the including file has defined f8 (eight f32),
+ * operations on it, FUSED, whether a product and a sum are rounded once, and GN_REF_KERNEL and GN_REF_KERNEL_START, the
+ * names of the entries. The bounds allow for both. What is left of a leaf after eight triangles at a time is one or none mostly, and
+ * taken one by one, in f64.
  */
 #include <float.h>
 #include <math.h>
@@ -13,25 +14,59 @@
 /* Rays in flight: enough for the others' work to hide the wait for memory. */
 #define FLIGHTS 16
 
-/* The rest of a difference d of a and b, exactly (Knuth's TwoSum). */
-static inline d8 d8_difference_rest(d8 a, d8 b, d8 d)
+/* a b + c and c - a b, rounded once where FUSED. */
+static inline double muladd(double a, double b, double c)
 {
-    d8 other = d8_sub(d, a);
-    return d8_sub(d8_sub(a, d8_sub(d, other)), d8_add(b, other));
+    return FUSED ? __builtin_fma(a, b, c) : a * b + c;
 }
 
-/* A leaf's first lines; a node's are all of it. */
+static inline double nmuladd(double a, double b, double c)
+{
+    return FUSED ? __builtin_fma(-a, b, c) : c - a * b;
+}
+
+/* The rest of a difference d of a and b, exactly (Knuth's TwoSum). */
+static inline double difference_rest(double a, double b, double d)
+{
+    double other = d - a;
+    return (a - (d - other)) - (b + other);
+}
+
+/* a b - p for the rounded product p: without fma Dekker's, exact as factors stay below 2^970 and rests do not underflow. */
+static inline double product_rest(double a, double b, double p)
+{
+    if (FUSED)
+        return __builtin_fma(a, b, -p);
+    double c = a * 0x1.0000002p27, d = b * 0x1.0000002p27;
+    double a1 = c - (c - a), b1 = d - (d - b), a0 = a - a1, b0 = b - b1;
+    return a0 * b0 - (((p - a1 * b1) - a0 * b1) - a1 * b0);
+}
+
+static inline double least_of(double a, double b)
+{
+    return a < b ? a : b;
+}
+
+static inline double most_of(double a, double b)
+{
+    return a > b ? a : b;
+}
+
 static inline void prefetch_child(const struct gn_ref_bvh *bvh, uint32_t child, bool narrow)
 {
-    const char *leaves = narrow ? (const char *)bvh->blocks_f32 : (const char *)bvh->blocks_f64;
-    bool is_leaf = child & GN_REF_LEAF_BIT;
-    size_t size = is_leaf ? narrow ? sizeof *bvh->blocks_f32 : sizeof *bvh->blocks_f64 : sizeof *bvh->nodes;
-    const char *memory = (is_leaf ? leaves : (const char *)bvh->nodes) +
-                         (size_t)(child & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT)) * size;
-    for (size_t offset = 0; offset < 256; offset += 64)
+    const char *memory = (const char *)&bvh->nodes[child];
+    if (child & GN_REF_LEAF_BIT)
+        memory = narrow ? (const char *)&bvh->leaves_f32[child & ~GN_REF_LEAF_BIT]
+                        : (const char *)&bvh->leaves_i16[child & ~GN_REF_LEAF_BIT];
+    for (size_t offset = 0; offset < (narrow ? offsetof(struct gn_ref_leaf_f32, primitive) : sizeof *bvh->nodes); offset += 64)
         __builtin_prefetch(memory + offset);
-    for (size_t offset = 256; offset < (narrow ? sizeof *bvh->blocks_f32 : sizeof *bvh->blocks_f64); offset += 64)
-        __builtin_prefetch(memory + offset);
+}
+
+static inline void prefetch_triangle(const struct gn_ref_bvh *bvh, uint32_t child, uint32_t lane)
+{
+    const char *memory = (const char *)&bvh->triangles[bvh->leaves_i16[child & ~GN_REF_LEAF_BIT].first + lane];
+    __builtin_prefetch(memory);
+    __builtin_prefetch(memory + sizeof *bvh->triangles - 1);
 }
 
 /* Goes on with the nearest of what waits; false when nothing does. */
@@ -74,8 +109,7 @@ static inline unsigned node_test(uint32_t keys[GN_REF_NODE_WIDTH], const struct 
 
 /* Goes on with the nearest child. */
 static inline bool node_leave(struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
-                              const uint32_t keys[GN_REF_NODE_WIDTH], unsigned met, bool prefetch,
-                              bool narrow)
+                              const uint32_t keys[GN_REF_NODE_WIDTH], unsigned met, bool prefetch, bool narrow)
 {
     const struct gn_ref_node *node = &bvh->nodes[flight->current];
     if (met == 0)
@@ -109,105 +143,73 @@ static inline bool node_leave(struct gn_ref_flight *flight, const struct gn_ref_
     return true;
 }
 
-/* s, the barycentrics and their error bounds (certified.h) of lanes whose edge functions are of one sign or 0. */
-struct placed {
-    d8 s, s_error, beta, gamma, barycentric_error, sum;
-    unsigned known; /* lanes whose sum is far enough from 0 */
+/* One triangle, its vertices relative to the ray's origin in the order of axes x, y, z = k. */
+struct lane {
+    double edge[3], z[3], error, eps;
 };
 
-static inline void lanes_place(struct placed *out, const struct gn_ref_flight *flight, const d8 edge[3], const d8 z[3],
-                               d8 error, d8 eps)
+static inline void lane_corners(double w[3][3], double *error, const struct gn_ref_bvh *bvh, uint32_t id,
+                                const uint32_t axis[3], bool narrow)
+{
+    uint32_t leaf = id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
+    const struct gn_ref_leaf_f32 *of = narrow ? &bvh->leaves_f32[leaf] : NULL;
+    const struct gn_ref_triangle_f64 *triangle = narrow ? NULL : &bvh->triangles[bvh->leaves_i16[leaf].first + lane];
+    for (int v = 0; v < 3; v++)
+        for (int i = 0; i < 3; i++)
+            w[v][i] = narrow ? (double)of->w[v][axis[i]][lane] : triangle->w[v][axis[i]];
+    *error = narrow ? 0 : triangle->error;
+}
+
+/* s, the barycentrics and their error bounds (certified.h); false when the sum is too near 0. */
+static inline bool lane_place(struct gn_ref_candidate *out, const struct gn_ref_flight *flight, const struct lane *lane)
 {
     const double unit = 0x1p-53;
-    d8 sum = d8_add(d8_add(edge[0], edge[1]), edge[2]);
-    out->known = d8_gt(d8_mul(d8_abs(sum), d8_set1(1.0 / 64 - 8 * unit)), d8_mul(error, d8_set1(3.5)));
-    d8 inverse = d8_div(d8_set1(1), sum);
-    d8 beta = d8_mul(edge[1], inverse), gamma = d8_mul(edge[2], inverse);
-    d8 f = d8_muladd(d8_mul(error, d8_set1(1.0625 * 4.5)), d8_abs(inverse), d8_set1(17 * unit));
-    d8 p = d8_sub(z[1], z[0]), q = d8_sub(z[2], z[0]);
-    out->s = d8_mul(d8_set1(flight->sign), d8_add(z[0], d8_muladd(beta, p, d8_mul(gamma, q))));
-    d8 extent = d8_add(d8_abs(p), d8_abs(q));
-    out->s_error = d8_muladd(d8_add(f, d8_set1(8 * unit)), extent, d8_mul(eps, d8_set1(5)));
+    double sum = lane->edge[0] + lane->edge[1] + lane->edge[2];
+    double inverse = 1 / sum;
+    double beta = lane->edge[1] * inverse, gamma = lane->edge[2] * inverse;
+    double f = muladd(lane->error * (1.0625 * 4.5), fabs(inverse), 17 * unit);
+    double p = lane->z[1] - lane->z[0], q = lane->z[2] - lane->z[0];
+    double s = flight->sign * (lane->z[0] + muladd(beta, p, gamma * q));
+    double s_error = muladd(f + 8 * unit, fabs(p) + fabs(q), 5 * lane->eps);
+    out->s = s;
+    out->s_error = s_error;
+    out->lower = s - s_error;
+    out->upper = s + s_error;
     out->beta = beta;
     out->gamma = gamma;
     out->barycentric_error = f;
-    out->sum = sum;
+    out->sum_sign = (sum > 0) ^ (flight->sign < 0) ? 1 : -1;
+    return fabs(sum) * (1.0 / 64 - 8 * unit) > 3.5 * lane->error;
 }
 
-struct lanes {
-    double s[8], s_error[8], beta[8], gamma[8], barycentric_error[8], sum[8];
-};
-
-static inline void lanes_store(struct lanes *out, const struct placed *placed)
+/* A triangle that is met, if its s can be placed. */
+static inline bool lane_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct lane *lane,
+                              uint32_t id, unsigned zeros)
 {
-    d8_store(out->s, placed->s);
-    d8_store(out->s_error, placed->s_error);
-    d8_store(out->beta, placed->beta);
-    d8_store(out->gamma, placed->gamma);
-    d8_store(out->barycentric_error, placed->barycentric_error);
-    d8_store(out->sum, placed->sum);
-}
-
-static inline void lane_get(struct gn_ref_candidate *out, const struct lanes *lanes, int lane, double sign)
-{
-    out->s = lanes->s[lane];
-    out->s_error = lanes->s_error[lane];
-    out->lower = lanes->s[lane] - lanes->s_error[lane];
-    out->upper = lanes->s[lane] + lanes->s_error[lane];
-    out->beta = lanes->beta[lane];
-    out->gamma = lanes->gamma[lane];
-    out->barycentric_error = lanes->barycentric_error[lane];
-    out->sum_sign = (lanes->sum[lane] > 0) ^ (sign < 0) ? 1 : -1;
-}
-
-/* Lanes that are met. Those whose s cannot be placed are returned. zeros[i]: lanes whose edge function i is 0. */
-static inline unsigned lanes_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight, unsigned met,
-                                   const unsigned zeros[3], const uint32_t *ids, uint32_t leaf, const d8 edge[3],
-                                   const d8 z[3], d8 error, d8 eps)
-{
-    struct placed placed;
-    lanes_place(&placed, flight, edge, z, error, eps);
-    d8 lower = d8_sub(placed.s, placed.s_error), upper = d8_add(placed.s, placed.s_error);
-    unsigned wanted = met & placed.known & d8_gt(d8_set1(flight->s_last), lower) &
-                      d8_gt(upper, d8_set1(flight->s_first)) & ~d8_gt(lower, d8_set1(flight->best.upper));
-    if (wanted) {
-        struct lanes lanes;
-        lanes_store(&lanes, &placed);
-        do {
-            int lane = __builtin_ctz(wanted);
-            wanted &= wanted - 1;
-            struct gn_ref_candidate candidate = {.id = ids[lane], .leaf = leaf, .lane = (uint16_t)lane};
-            for (int i = 0; i < 3; i++)
-                candidate.zeros |= (uint16_t)((zeros[i] >> lane & 1) << i);
-            lane_get(&candidate, &lanes, lane, flight->sign);
-            gn_ref_certified_offer(call, flight, &candidate);
-        } while (wanted);
-    }
-    return met & ~placed.known;
-}
-
-/* One coordinate of a leaf's vertices, for all lanes. */
-static inline d8 leaf_axis(const struct gn_ref_bvh *bvh, uint32_t leaf, int vertex, uint32_t offset, bool narrow)
-{
-    return narrow ? d8_load_f32(&bvh->blocks_f32[leaf].w[vertex][0][0] + offset)
-                  : d8_load(&bvh->blocks_f64[leaf].w[vertex][0][0] + offset);
+    struct gn_ref_candidate candidate = {.id = id, .zeros = (uint16_t)zeros};
+    if (!lane_place(&candidate, flight, lane))
+        return false;
+    if (candidate.lower < flight->s_last && candidate.upper > flight->s_first &&
+        !(candidate.lower > flight->best.upper))
+        gn_ref_certified_offer(call, flight, &candidate);
+    return true;
 }
 
 /* a b - c d, rounded once but for terms of the order of u^2 (|a b| + |c d|), and what its error is bounded by. */
-static inline d8 cross_sharp(d8 a, d8 b, d8 c, d8 d, d8 *out_error, unsigned *exact)
+static inline double cross_sharp(double a, double b, double c, double d, double *out_error, bool *exact)
 {
-    d8 p = d8_mul(a, b), q = d8_mul(c, d);
-    d8 p_rest = d8_product_rest(a, b, p), q_rest = d8_product_rest(c, d, q);
-    d8 high = d8_sub(p, q), high_rest = d8_difference_rest(p, q, high);
-    d8 low = d8_add(high_rest, d8_sub(p_rest, q_rest));
-    d8 value = d8_add(high, low);
-    *out_error = d8_muladd(d8_abs(value), d8_set1(0x1p-53), d8_mul(d8_add(d8_abs(p), d8_abs(q)), d8_set1(0x1p-103)));
-    *exact &= d8_equal(p_rest, d8_set1(0)) & d8_equal(q_rest, d8_set1(0)) & d8_equal(high_rest, d8_set1(0));
+    double p = a * b, q = c * d;
+    double p_rest = product_rest(a, b, p), q_rest = product_rest(c, d, q);
+    double high = p - q, high_rest = difference_rest(p, q, high);
+    double low = high_rest + (p_rest - q_rest);
+    double value = high + low;
+    *out_error = fabs(value) * 0x1p-53 + (fabs(p) + fabs(q)) * 0x1p-103;
+    *exact &= p_rest == 0 && q_rest == 0 && high_rest == 0;
     return value;
 }
 
 /*
- * The edge functions of eight triangles with everything compensated once, u = 2^-53. As in wide.c the shear is
+ * The edge functions with everything compensated once, u = 2^-53. As in wide.c the shear is
  * multiplied by d_z: x = d_z a_x - d_x a_z, y likewise, and the edge functions by d_z^2, which changes nothing that is asked.
  *
  * a = w - o comes with its rounding error, found exactly; with the vertex's own that bounds it by r. In cross_sharp()
@@ -225,103 +227,104 @@ static inline d8 cross_sharp(d8 a, d8 b, d8 c, d8 d, d8 *out_error, unsigned *ex
  * multiples of 2^-298, and rests of 2^-596. Vertices in f64 may be finer; there nothing counts as exact unless x and y
  * are 0 or at least 2^-400, and so are the differences.
  */
+enum { SIGN_UNKNOWN = 2 };
 struct sharp {
-    d8 edge[3], z[3], error, eps;
-    unsigned positive[3], negative[3], zero[3];
+    struct lane lane;
+    int sign[3];
 };
 
-static inline void leaf_sharpen(struct sharp *out, const struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
-                                uint32_t leaf, bool narrow)
+static inline bool is_coarse(double a)
 {
-    d8 w[3][3], x[3], y[3], x_error[3], y_error[3];
-    d8 rest = d8_set1(0), most_z = d8_set1(0);
-    d8 dx = d8_set1(flight->direction[0]), dy = d8_set1(flight->direction[1]), dz = d8_set1(flight->direction[2]);
-    d8 size = d8_set1(2 * flight->length);
-    unsigned exact = 0xFF;
+    return a == 0 || fabs(a) > 0x1p-400;
+}
+
+static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
+                                uint32_t id, bool narrow)
+{
+    double w[3][3], x[3], y[3], x_error[3], y_error[3], rest = 0, most_z = 0, vertex_error;
+    double dx = flight->direction[0], dy = flight->direction[1], dz = flight->direction[2];
+    bool exact = true;
+    lane_corners(w, &vertex_error, bvh, id, flight->axis, narrow);
+    if (!narrow && !(vertex_error < INFINITY)) {
+        *out = (struct sharp){.lane = {.error = INFINITY, .eps = INFINITY},
+                              .sign = {SIGN_UNKNOWN, SIGN_UNKNOWN, SIGN_UNKNOWN}};
+        return;
+    }
     for (int v = 0; v < 3; v++)
         for (int i = 0; i < 3; i++) {
-            d8 vertex = leaf_axis(bvh, leaf, v, flight->offset[i], narrow);
-            d8 o = d8_set1(flight->origin[i]), a = d8_sub(vertex, o);
-            rest = d8_max(d8_abs(d8_difference_rest(vertex, o, a)), rest);
+            double a = w[v][i] - flight->origin[i];
+            rest = most_of(fabs(difference_rest(w[v][i], flight->origin[i], a)), rest);
             w[v][i] = a;
             if (!narrow)
-                exact &= d8_equal(a, d8_set1(0)) | d8_gt(d8_abs(a), d8_set1(0x1p-400));
+                exact &= is_coarse(a);
         }
-    if (!narrow)
-        rest = d8_add(rest, d8_load(bvh->blocks_f64[leaf].error));
-    exact &= d8_equal(rest, d8_set1(0));
-    d8 spread = d8_muladd(size, rest, d8_set1(0x1p-900));
+    rest += vertex_error;
+    exact &= rest == 0;
+    double spread = 2 * flight->length * rest + 0x1p-900;
     for (int v = 0; v < 3; v++) {
         x[v] = cross_sharp(dz, w[v][0], dx, w[v][2], &x_error[v], &exact);
         y[v] = cross_sharp(dz, w[v][1], dy, w[v][2], &y_error[v], &exact);
-        x_error[v] = d8_add(x_error[v], spread);
-        y_error[v] = d8_add(y_error[v], spread);
-        out->z[v] = w[v][2];
-        most_z = d8_max(d8_abs(w[v][2]), most_z);
+        x_error[v] += spread;
+        y_error[v] += spread;
+        out->lane.z[v] = w[v][2];
+        most_z = most_of(fabs(w[v][2]), most_z);
         if (!narrow)
-            exact &= (d8_equal(x[v], d8_set1(0)) | d8_gt(d8_abs(x[v]), d8_set1(0x1p-400))) &
-                     (d8_equal(y[v], d8_set1(0)) | d8_gt(d8_abs(y[v]), d8_set1(0x1p-400)));
+            exact &= is_coarse(x[v]) && is_coarse(y[v]);
     }
-    out->error = d8_set1(0);
+    out->lane.error = 0;
     for (int i = 0; i < 3; i++) {
         int j = (i + 1) % 3, k = (i + 2) % 3;
-        d8 p = d8_mul(x[j], y[k]), q = d8_mul(y[j], x[k]);
-        d8 p_rest = d8_product_rest(x[j], y[k], p), q_rest = d8_product_rest(y[j], x[k], q);
-        d8 high = d8_sub(p, q), low = d8_sub(p_rest, q_rest), value = d8_add(high, low);
-        d8 error = d8_mul(d8_add(d8_abs(high), d8_abs(low)), d8_set1(0x1p-51));
-        d8 from_x = d8_muladd(x_error[j], d8_add(d8_abs(y[k]), y_error[k]), d8_mul(d8_abs(x[j]), y_error[k]));
-        d8 from_y = d8_muladd(y_error[j], d8_add(d8_abs(x[k]), x_error[k]), d8_mul(d8_abs(y[j]), x_error[k]));
-        error = d8_muladd(d8_add(from_x, from_y), d8_set1(1.0625), error);
-        out->edge[i] = value;
-        out->error = d8_max(out->error, error);
-        unsigned equal = d8_equal(p, q);
-        out->zero[i] = exact & equal & d8_equal(p_rest, q_rest);
-        out->positive[i] = (exact & (d8_gt(p, q) | (equal & d8_gt(p_rest, q_rest)))) | (~exact & d8_gt(value, error));
-        out->negative[i] = (exact & (d8_gt(q, p) | (equal & d8_gt(q_rest, p_rest)))) |
-                           (~exact & d8_gt(d8_neg(error), value));
+        double p = x[j] * y[k], q = y[j] * x[k];
+        double p_rest = product_rest(x[j], y[k], p), q_rest = product_rest(y[j], x[k], q);
+        double high = p - q, low = p_rest - q_rest, value = high + low;
+        double error = (fabs(high) + fabs(low)) * 0x1p-51;
+        double from_x = x_error[j] * (fabs(y[k]) + y_error[k]) + fabs(x[j]) * y_error[k];
+        double from_y = y_error[j] * (fabs(x[k]) + x_error[k]) + fabs(y[j]) * x_error[k];
+        error += (from_x + from_y) * 1.0625;
+        out->lane.edge[i] = value;
+        out->lane.error = most_of(error, out->lane.error);
+        if (exact)
+            out->sign[i] = p != q ? (p > q ? 1 : -1) : (p_rest > q_rest) - (p_rest < q_rest);
+        else
+            out->sign[i] = value > error ? 1 : value < -error ? -1 : SIGN_UNKNOWN;
     }
-    /* For lanes_place(), which takes it for 8 u R at least. */
-    out->eps = d8_muladd(most_z, d8_set1(8 * 0x1p-53), rest);
+    /* For lane_place(), which takes it for 8 u R at least. */
+    out->lane.eps = most_z * (8 * 0x1p-53) + rest;
 }
 
-/* The lanes that the filter cannot decide; the last resort are the stages of certified.c. */
-static __attribute__((noinline)) void lanes_sharpen(struct gn_ref_certified *call, struct gn_ref_flight *flight,
-                                 const struct gn_ref_bvh *bvh, unsigned unsure, const uint32_t *ids, uint32_t leaf,
-                                 bool narrow)
+/* What the filter cannot decide; the last resort are the stages of certified.c. */
+static __attribute__((noinline)) void lane_settle(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                                                  const struct gn_ref_bvh *bvh, uint32_t id, bool narrow)
 {
     struct sharp sharp;
-    leaf_sharpen(&sharp, flight, bvh, leaf, narrow);
-    unsigned positive = sharp.positive[0] | sharp.positive[1] | sharp.positive[2];
-    unsigned negative = sharp.negative[0] | sharp.negative[1] | sharp.negative[2];
-    unsigned known = 0xFF;
-    for (int i = 0; i < 3; i++)
-        known &= sharp.positive[i] | sharp.negative[i] | sharp.zero[i];
-    unsigned asked = unsure;
-    unsure &= ~(positive & negative) & ~(sharp.zero[0] & sharp.zero[1] & sharp.zero[2]);
-    unsigned met = unsure & known, unknown = unsure & ~known;
-    call->sharpened += (unsigned)__builtin_popcount(asked & ~unknown);
-    if (met)
-        unknown |= lanes_offer(call, flight, met, sharp.zero, ids, leaf, sharp.edge, sharp.z, sharp.error, sharp.eps);
-    for (; unknown; unknown &= unknown - 1)
-        gn_ref_certified_consider(call, flight, leaf, __builtin_ctz(unknown));
+    lane_sharpen(&sharp, flight, bvh, id, narrow);
+    bool positive = false, negative = false, known = true;
+    unsigned zeros = 0;
+    for (int i = 0; i < 3; i++) {
+        positive |= sharp.sign[i] == 1;
+        negative |= sharp.sign[i] == -1;
+        known &= sharp.sign[i] != SIGN_UNKNOWN;
+        zeros |= (unsigned)(sharp.sign[i] == 0) << i;
+    }
+    if ((positive && negative) || zeros == 7) {
+        call->sharpened++;
+        return;
+    }
+    if (known && lane_offer(call, flight, &sharp.lane, id, zeros)) {
+        call->sharpened++;
+        return;
+    }
+    gn_ref_certified_consider(call, flight, id);
 }
 
 /* At the end: t and barycentrics as accurate as trace.h promises, if they are not yet. */
 static __attribute__((noinline)) void best_refine(struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh, bool narrow)
 {
-    struct gn_ref_candidate *best = &flight->best;
     struct sharp sharp;
-    struct placed placed;
-    struct lanes lanes;
-    struct gn_ref_candidate refined = *best;
-    leaf_sharpen(&sharp, flight, bvh, best->leaf, narrow);
-    lanes_place(&placed, flight, sharp.edge, sharp.z, sharp.error, sharp.eps);
-    if (!(placed.known >> best->lane & 1))
-        return;
-    lanes_store(&lanes, &placed);
-    lane_get(&refined, &lanes, best->lane, flight->sign);
-    if (gn_ref_candidate_accurate(&refined))
-        *best = refined;
+    struct gn_ref_candidate refined = flight->best;
+    lane_sharpen(&sharp, flight, bvh, flight->best.id, narrow);
+    if (lane_place(&refined, flight, &sharp.lane) && gn_ref_candidate_accurate(&refined))
+        flight->best = refined;
 }
 
 static inline void flight_refine(struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh, bool narrow)
@@ -330,93 +333,139 @@ static inline void flight_refine(struct gn_ref_flight *flight, const struct gn_r
         best_refine(flight, bvh, narrow);
 }
 
-/* w - o for one vertex, sheared: three names in place of arrays, which compilers keep in memory. */
-#define VERTEX(v)                                                                                                      \
-    const d8 z##v = d8_sub(leaf_axis(bvh, leaf, v, flight->offset[2], narrow), oz);                                    \
-    d8 x##v = d8_sub(leaf_axis(bvh, leaf, v, flight->offset[0], narrow), ox);                                          \
-    d8 y##v = d8_sub(leaf_axis(bvh, leaf, v, flight->offset[1], narrow), oy);                                          \
-    x##v = d8_nmuladd(sx, z##v, x##v);                                                                                 \
-    y##v = d8_nmuladd(sy, z##v, y##v);                                                                                 \
-    if (narrow) {                                                                                                      \
-        x##v = d8_nmuladd(sx_rest, z##v, x##v);                                                                        \
-        y##v = d8_nmuladd(sy_rest, z##v, y##v);                                                                        \
-    }                                                                                                                  \
-    const d8 n##v = d8_add(d8_abs(x##v), d8_abs(y##v))
-
-/* What the filter makes of a leaf. */
-struct filtered {
-    d8 edge[3], z[3], error, eps;
-    unsigned used, missed, certain; /* lanes */
-};
-
-static inline __attribute__((always_inline)) void leaf_test(struct filtered *out, const struct gn_ref_flight *flight,
-                                                            const struct gn_ref_bvh *bvh, bool narrow)
+static inline float f32_of_bits(uint32_t bits)
 {
-    uint32_t leaf = flight->current & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT);
-    const uint32_t *ids = narrow ? bvh->blocks_f32[leaf].id : bvh->blocks_f64[leaf].id;
-    const d8 ox = d8_set1(flight->origin[0]), oy = d8_set1(flight->origin[1]), oz = d8_set1(flight->origin[2]);
-    const d8 sx = d8_set1(flight->shear[0]), sy = d8_set1(flight->shear[1]);
-    const d8 sx_rest = d8_set1(flight->shear_rest[0]), sy_rest = d8_set1(flight->shear_rest[1]);
+    float value;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
+static inline float f32_upper(uint16_t bits)
+{
+    return f32_of_bits((uint32_t)bits << 16);
+}
+
+static inline float f32_power(int exponent)
+{
+    return f32_of_bits((uint32_t)(exponent + 127) << 23);
+}
+
+/* The lanes of a leaf that f32 cannot exclude. */
+static inline unsigned leaf_test(const struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh, bool narrow)
+{
+    const uint32_t index = flight->current & ~GN_REF_LEAF_BIT;
+    const struct gn_ref_leaf_f32 *leaf = &bvh->leaves_f32[narrow ? index : 0];
+    const struct gn_ref_leaf_i16 *grid = &bvh->leaves_i16[narrow ? 0 : index];
+    const uint32_t kx = flight->axis[0], ky = flight->axis[1], kz = flight->axis[2];
+    const float scale = narrow ? f32_power(-leaf->exponent) : grid->inverse_size;
+    const float *middle = narrow ? leaf->origin : grid->centre;
+    const double *origin = narrow ? flight->origin : flight->local;
+    const float cx = middle[kx], cy = middle[ky], cz = middle[kz];
+    const double along = cz - origin[2];
+    const float beta_x = (float)((cx - origin[0] - flight->shear_whole[0] * along) * scale);
+    const float beta_y = (float)((cy - origin[1] - flight->shear_whole[1] * along) * scale);
+    const float eta = (float)(flight->local_error * scale);
+    const float ex = narrow ? f32_upper(leaf->extent[kx]) : grid->step[kx];
+    const float ey = narrow ? f32_upper(leaf->extent[ky]) : grid->step[ky];
+    const float ez = narrow ? f32_upper(leaf->extent[kz]) : grid->step[kz];
+    const float sx = flight->shear_f32[0], sy = flight->shear_f32[1];
+    const float least_shear = narrow ? 0 : 0x1p-6f, share = narrow ? 5 * 0x1p-24f : 0.625f;
+    const float eps_x = share * (ex + (fabsf(sx) + least_shear) * ez) + (0x1p-22f * fabsf(beta_x) + eta);
+    const float eps_y = share * (ey + (fabsf(sy) + least_shear) * ez) + (0x1p-22f * fabsf(beta_y) + eta);
+    const f8 step_x = f8_set1(narrow ? scale : ex), step_y = f8_set1(narrow ? scale : ey);
+    const f8 shear_x = f8_set1(sx * (narrow ? scale : ez)), shear_y = f8_set1(sy * (narrow ? scale : ez));
+    const f8 bx = f8_set1(beta_x), by = f8_set1(beta_y), mx = f8_set1(cx), my = f8_set1(cy), mz = f8_set1(cz);
+#define AXIS(v, axis, m) (narrow ? f8_sub(f8_load(leaf->w[v][axis]), m) : f8_load_i16(grid->k[v][axis]))
+#define VERTEX(v)                                                                                                      \
+    const f8 z##v = AXIS(v, kz, mz);                                                                                   \
+    const f8 x##v = f8_nmuladd(shear_x, z##v, f8_muladd(AXIS(v, kx, mx), step_x, bx));                                 \
+    const f8 y##v = f8_nmuladd(shear_y, z##v, f8_muladd(AXIS(v, ky, my), step_y, by))
     VERTEX(0);
     VERTEX(1);
     VERTEX(2);
-    const d8 n = d8_add(n0, d8_add(n1, n2));
-    d8 eps = d8_set1(flight->eps), error;
-    if (!narrow) {
-        eps = d8_muladd(d8_load(bvh->blocks_f64[leaf].error), d8_set1(3), eps);
-        error = d8_mul(eps, d8_muladd(n, d8_set1(1.5), d8_mul(eps, d8_set1(4))));
-    } else if (FUSED && !(flight->current & GN_REF_FINE_BIT)) {
-        error = d8_muladd(d8_muladd(d8_set1(flight->bound[0]), n, d8_set1(flight->bound[1])), n,
-                          d8_set1(flight->bound[2]));
-    } else {
-        error = d8_muladd(d8_set1(1.5 * flight->eps), n, d8_set1(4 * flight->eps * flight->eps));
-    }
-    const d8 u = d8_nmuladd(y1, x2, d8_mul(x1, y2));
-    const d8 v = d8_nmuladd(y2, x0, d8_mul(x2, y0));
-    const d8 w = d8_nmuladd(y0, x1, d8_mul(x0, y1));
-    const d8 most = d8_max(u, d8_max(v, w)), least = d8_min(u, d8_min(v, w));
-    const d8 minus = d8_neg(error);
-    /* Unknown errors are infinite: such lanes are neither missed nor certain, nor are NaNs that come of them. */
-    out->used = ids_used(ids);
-    out->missed = d8_gt(most, error) & d8_gt(minus, least);
-    out->certain = d8_gt(least, error) | d8_gt(minus, most);
-    out->edge[0] = u;
-    out->edge[1] = v;
-    out->edge[2] = w;
-    out->z[0] = z0;
-    out->z[1] = z1;
-    out->z[2] = z2;
-    out->error = error;
-    out->eps = eps;
+    const f8 nx = f8_add(f8_add(f8_abs(x0), f8_abs(x1)), f8_abs(x2));
+    const f8 ny = f8_add(f8_add(f8_abs(y0), f8_abs(y1)), f8_abs(y2));
+    const f8 u = f8_nmuladd(y1, x2, f8_mul(x1, y2));
+    const f8 v = f8_nmuladd(y2, x0, f8_mul(x2, y0));
+    const f8 w = f8_nmuladd(y0, x1, f8_mul(x0, y1));
+    /* n_y (eps_x + 4 u n_x) + eps_y (n_x + 2.5 eps_x) */
+    const f8 error = f8_muladd(ny, f8_muladd(f8_set1(0x1p-22f), nx, f8_set1(eps_x)),
+                               f8_muladd(f8_set1(eps_y), nx, f8_set1(2.5f * eps_x * eps_y)));
+    const f8 most = f8_max(u, f8_max(v, w)), least = f8_min(u, f8_min(v, w));
+    unsigned missed = f8_gt(most, error) & f8_gt(f8_neg(error), least);
+    return ~missed & ((1u << (narrow ? leaf->count : grid->count)) - 1);
 }
 
-static inline __attribute__((always_inline)) void leaf_leave(struct gn_ref_certified *call,
-                                                             struct gn_ref_flight *flight,
-                                                             const struct gn_ref_bvh *bvh,
-                                                             const struct filtered *filtered, bool narrow)
+/* (S_1 + S_2) z - fl(S_1 z), S_1 being an f32, but for the rounding of S_2 z and of the sum. */
+static inline double shear_rest(double first, double second, double z)
 {
-    unsigned open = filtered->used & ~filtered->missed;
-    call->filtered += (unsigned)__builtin_popcount(filtered->used);
-    if (!open)
+    double c = z * 0x1.0000002p27, high = c - (c - z), low = z - high;
+    return ((first * high - first * z) + first * low) + second * z;
+}
+
+static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
+                              uint32_t id, bool sharp, bool narrow)
+{
+    struct lane lane;
+    double w[3][3], x[3], y[3], n = 0, vertex_error;
+    lane_corners(w, &vertex_error, bvh, id, flight->axis, narrow);
+    for (int v = 0; v < 3; v++) {
+        double z = w[v][2] - flight->origin[2];
+        x[v] = w[v][0] - flight->origin[0];
+        y[v] = w[v][1] - flight->origin[1];
+        lane.z[v] = z;
+        if (narrow && !FUSED && flight->split) {
+            x[v] = (x[v] - flight->shear[0] * z) - shear_rest(flight->shear[0], flight->shear_rest[0], z);
+            y[v] = (y[v] - flight->shear[1] * z) - shear_rest(flight->shear[1], flight->shear_rest[1], z);
+        } else {
+            x[v] = nmuladd(flight->shear[0], z, x[v]);
+            y[v] = nmuladd(flight->shear[1], z, y[v]);
+        }
+        if (narrow && FUSED) {
+            x[v] = nmuladd(flight->shear_rest[0], z, x[v]);
+            y[v] = nmuladd(flight->shear_rest[1], z, y[v]);
+        }
+        n += fabs(x[v]) + fabs(y[v]);
+    }
+    lane.eps = flight->eps;
+    if (!narrow) {
+        lane.eps = muladd(vertex_error, 3, lane.eps);
+        lane.error = lane.eps * muladd(n, 1.5, lane.eps * 4);
+    } else if (sharp) {
+        lane.error = muladd(muladd(flight->bound[0], n, flight->bound[1]), n, flight->bound[2]);
+    } else {
+        lane.error = muladd(1.5 * flight->eps, n, 4 * flight->eps * flight->eps);
+    }
+    lane.edge[0] = nmuladd(y[1], x[2], x[1] * y[2]);
+    lane.edge[1] = nmuladd(y[2], x[0], x[2] * y[0]);
+    lane.edge[2] = nmuladd(y[0], x[1], x[0] * y[1]);
+    double most = most_of(lane.edge[0], most_of(lane.edge[1], lane.edge[2]));
+    double least = least_of(lane.edge[0], least_of(lane.edge[1], lane.edge[2]));
+    /* Unknown errors are infinite: then it is neither missed nor certainly met, nor are NaNs that come of them. */
+    if (most > lane.error && least < -lane.error)
         return;
-    uint32_t leaf = flight->current & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT);
-    const uint32_t *ids = narrow ? bvh->blocks_f32[leaf].id : bvh->blocks_f64[leaf].id;
-    unsigned certain = open & filtered->certain, unsure = open & ~certain;
-    if (certain) {
-        static const unsigned no_zeros[3];
-        unsure |= lanes_offer(call, flight, certain, no_zeros, ids, leaf, filtered->edge, filtered->z, filtered->error,
-                              filtered->eps);
-    }
-    if (unsure) {
-        /* The triangle's own extent bounds s. */
-        const d8 sign = d8_set1(flight->sign), eps = filtered->eps;
-        const d8 a = d8_mul(sign, filtered->z[0]), b = d8_mul(sign, filtered->z[1]), c = d8_mul(sign, filtered->z[2]);
-        const d8 first = d8_sub(d8_min(a, d8_min(b, c)), eps), last = d8_add(d8_max(a, d8_max(b, c)), eps);
-        unsure &= ~d8_gt(first, d8_set1(flight->best.upper)) & ~d8_gt(d8_set1(flight->s_first), last) &
-                  ~d8_gt(first, d8_set1(flight->s_last));
-        if (unsure)
-            lanes_sharpen(call, flight, bvh, unsure, ids, leaf, narrow);
-    }
+    if ((least > lane.error || most < -lane.error) && lane_offer(call, flight, &lane, id, 0))
+        return;
+    if (narrow && flight->best.zeros && gn_ref_certified_tie(call, flight, id, lane.edge, lane.error))
+        return;
+    /* The triangle's own extent bounds s. */
+    double a = flight->sign * lane.z[0], b = flight->sign * lane.z[1], c = flight->sign * lane.z[2];
+    double first = least_of(a, least_of(b, c)) - lane.eps, last = most_of(a, most_of(b, c)) + lane.eps;
+    if (first > flight->best.upper || last < flight->s_first || first > flight->s_last)
+        return;
+    lane_settle(call, flight, bvh, id, narrow);
+}
+
+static inline void leaf_leave(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
+                              unsigned open, bool narrow)
+{
+    uint32_t leaf = flight->current & ~GN_REF_LEAF_BIT;
+    uint32_t count = narrow ? bvh->leaves_f32[leaf].count : bvh->leaves_i16[leaf].count;
+    bool sharp = narrow && !bvh->leaves_f32[leaf].fine;
+    call->filtered += count;
+    call->rejected_f32 += count - (unsigned)__builtin_popcount(open);
+    for (; open; open &= open - 1)
+        lane_visit(call, flight, bvh, leaf * GN_REF_NODE_WIDTH + (unsigned)__builtin_ctz(open), sharp, narrow);
 }
 
 /* One node or leaf; false at the ray's end. */
@@ -428,9 +477,7 @@ static inline bool flight_step(struct gn_ref_certified *call, struct gn_ref_flig
         unsigned met = node_test(keys, flight, bvh);
         return node_leave(flight, bvh, keys, met, prefetch, narrow);
     }
-    struct filtered filtered;
-    leaf_test(&filtered, flight, bvh, narrow);
-    leaf_leave(call, flight, bvh, &filtered, narrow);
+    leaf_leave(call, flight, bvh, leaf_test(flight, bvh, narrow), narrow);
     return flight_pop(flight);
 }
 
@@ -439,25 +486,26 @@ static inline void run_one(struct gn_ref_certified *call, struct gn_ref_flight *
     const struct gn_ref_bvh *bvh = &call->scene->bvh;
     while (flight_step(call, flight, bvh, narrow, prefetch))
         ;
-    flight_refine(flight, bvh, narrow);
+    if (!call->any)
+        flight_refine(flight, bvh, narrow);
 }
 
 /* With counters of what is visited (effects.h). */
 static __attribute__((noinline)) void run_counted(struct gn_ref_certified *call, struct gn_ref_flight *flight)
 {
     const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    bool narrow = bvh->blocks_f32 != NULL;
+    bool narrow = bvh->leaves_f32 != NULL;
     uint64_t leaves = 0, nodes = 0, triangles = 0;
     do {
         bool is_leaf = flight->current & GN_REF_LEAF_BIT;
-        uint32_t leaf = flight->current & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT);
         leaves += is_leaf;
         nodes += !is_leaf;
         if (is_leaf)
-            triangles += (unsigned)__builtin_popcount(ids_used(narrow ? bvh->blocks_f32[leaf].id
-                                                                      : bvh->blocks_f64[leaf].id));
+            triangles += narrow ? bvh->leaves_f32[flight->current & ~GN_REF_LEAF_BIT].count
+                                : bvh->leaves_i16[flight->current & ~GN_REF_LEAF_BIT].count;
     } while (flight_step(call, flight, bvh, narrow, false));
-    flight_refine(flight, bvh, narrow);
+    if (!call->any)
+        flight_refine(flight, bvh, narrow);
     call->counts->leaves += leaves;
     call->counts->nodes += nodes;
     call->counts->triangles += triangles;
@@ -482,7 +530,8 @@ static inline void flight_land(struct gn_ref_certified *call, struct turn *turn,
                                unsigned i, bool narrow)
 {
     const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    flight_refine(&flights[i], bvh, narrow);
+    if (!call->any)
+        flight_refine(&flights[i], bvh, narrow);
     gn_ref_certified_end(call, &flights[i]);
     if (gn_ref_certified_next(call, &flights[i]))
         turn_add(turn, flights, i, bvh, narrow);
@@ -498,7 +547,6 @@ static inline void run_batch(struct gn_ref_certified *call, bool narrow)
     struct gn_ref_flight flights[FLIGHTS];
     uint32_t keys[FLIGHTS][GN_REF_NODE_WIDTH];
     unsigned met[FLIGHTS];
-    struct filtered filtered[FLIGHTS];
     struct turn turn = {0};
     for (unsigned i = 0; i < FLIGHTS && gn_ref_certified_next(call, &flights[i]); i++)
         turn_add(&turn, flights, i, bvh, narrow);
@@ -517,11 +565,14 @@ static inline void run_batch(struct gn_ref_certified *call, bool narrow)
         }
         count = turn.count[1];
         for (size_t n = 0; n < count; n++)
-            leaf_test(&filtered[n], &flights[turn.list[1][n]], bvh, narrow);
+            met[n] = leaf_test(&flights[turn.list[1][n]], bvh, narrow);
+        for (size_t n = 0; !narrow && n < count; n++)
+            for (unsigned open = met[n]; open; open &= open - 1)
+                prefetch_triangle(bvh, flights[turn.list[1][n]].current, (unsigned)__builtin_ctz(open));
         turn.count[1] = 0;
         for (size_t n = 0; n < count; n++) {
             unsigned i = turn.list[1][n];
-            leaf_leave(call, &flights[i], bvh, &filtered[n], narrow);
+            leaf_leave(call, &flights[i], bvh, met[n], narrow);
             if (flight_pop(&flights[i]))
                 turn_add(&turn, flights, i, bvh, narrow);
             else
@@ -577,7 +628,8 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
     bool sharp = bvh->quantum > 0 && reach < 0x1p52 * bvh->quantum;
     const int axes[3] = {x, y, z};
     for (int i = 0; i < 3; i++) {
-        flight->offset[i] = (uint32_t)axes[i] * GN_REF_NODE_WIDTH;
+        flight->axis[i] = (uint32_t)axes[i];
+        flight->local[i] = p[axes[i]];
         flight->origin[i] = ray->origin[axes[i]];
         flight->direction[i] = ray->direction[axes[i]];
     }
@@ -593,13 +645,17 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
     for (int i = 0; i < 2; i++) {
         double shear = flight->direction[i] * inverse_depth, first = (float)shear;
         double rest = (flight->direction[i] - first * depth) * inverse_depth;
+        flight->shear_whole[i] = shear;
+        flight->shear_f32[i] = (float)shear;
         flight->shear_rest[i] = sharp ? rest : 0;
         flight->shear[i] = sharp ? first : shear;
     }
+    flight->split = sharp;
     flight->sign = depth < 0 ? -1 : 1;
     flight->length = length;
     double eps = 8 * 0x1p-53 * reach, h = 0x1p-75 * reach;
     flight->eps = eps;
+    flight->local_error = 0x1p-49 * reach;
     flight->bound[0] = sharp ? 2 * 0x1p-53 : 0;
     flight->bound[1] = sharp ? 1.25 * h : 1.5 * eps;
     flight->bound[2] = sharp ? 4 * h * h : 4 * eps * eps;
@@ -617,7 +673,7 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
 
 void GN_REF_KERNEL(struct gn_ref_certified *call, struct gn_ref_flight *single)
 {
-    bool narrow = call->scene->bvh.blocks_f32 != NULL;
+    bool narrow = call->scene->bvh.leaves_f32 != NULL;
     if (single && call->counts)
         run_counted(call, single);
     else if (single && narrow && call->fits_cache)

@@ -50,7 +50,7 @@ void gn_ref_scene_destroy(struct gn_ref_scene *scene)
     free(scene->blases);
     free(scene->instances);
     free(scene->instance_data);
-    free(scene->primitives);
+    free(scene->boxes);
     gn_ref_bvh_finish(&scene->bvh);
     gn_ref_bvh_finish(&scene->box_bvh);
     free(scene);
@@ -556,14 +556,23 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
         if (type == GN_REF_TRIANGLES)
             scene->triangle_count = flat.count;
     }
-    if (!gn_ref_bvh_build(&scene->bvh, (const struct gn_ref_vertex (*)[3])flat.triangles, flat.bounds, 0,
-                          scene->triangle_count, scene->error, sizeof scene->error) ||
-        !gn_ref_bvh_build(&scene->box_bvh, NULL, flat.bounds + scene->triangle_count, scene->triangle_count,
-                          flat.count - scene->triangle_count, scene->error, sizeof scene->error))
+    uint32_t box_count = flat.count - scene->triangle_count;
+    const struct gn_ref_bvh_input triangles = {.primitives = flat.primitives, .bounds = flat.bounds,
+                                               .triangles = (const struct gn_ref_vertex (*)[3])flat.triangles,
+                                               .count = scene->triangle_count};
+    if (box_count > 0 &&
+        !(scene->boxes = copy(flat.primitives + scene->triangle_count, box_count, sizeof *scene->boxes))) {
+        fail(scene, "out of memory for %u boxes", box_count);
         goto out;
-    scene->primitives = flat.primitives;
+    }
+    if (!gn_ref_bvh_build(&scene->bvh, &triangles, scene->error, sizeof scene->error))
+        goto out;
+    scene->first_box = scene->bvh.leaf_count * GN_REF_NODE_WIDTH;
+    const struct gn_ref_bvh_input boxes = {.bounds = flat.bounds + scene->triangle_count,
+                                           .first_id = scene->first_box, .count = box_count};
+    if (!gn_ref_bvh_build(&scene->box_bvh, &boxes, scene->error, sizeof scene->error))
+        goto out;
     scene->primitive_count = flat.count;
-    flat.primitives = NULL;
     clock_gettime(CLOCK_MONOTONIC, &end);
     scene->commit_seconds = (double)(end.tv_sec - start.tv_sec) + 1e-9 * (double)(end.tv_nsec - start.tv_nsec);
     scene->committed = true;

@@ -12,9 +12,9 @@
 #define GN_REF_BLOCK_WIDTH 4
 #define GN_REF_NONE UINT32_MAX
 /* Levels of the tree, root included; the traversal's stack is sized by it. */
-#define GN_REF_MAX_DEPTH 48
+#define GN_REF_MAX_DEPTH 96
 
-/* One active primitive of one instance. Triangles come first in gn_ref_scene::primitives, then boxes. */
+/* One active primitive of one instance. Its id says where it is: a triangle's is leaf * 8 + lane, boxes come after. */
 struct gn_ref_primitive {
     uint32_t instance;
     uint32_t geometry;
@@ -36,44 +36,70 @@ struct gn_ref_block {
 };
 
 /*
- * The triangles of a leaf, as the tree keeps them: in f32 when every vertex of the scene is an f32 (then they are
- * exact), in f64 with bounds of their errors otherwise. Lanes as above.
+ * The triangles of a leaf where every vertex of the scene is an f32: w[vertex][axis][lane], exactly. No vertex is farther
+ * along an axis from origin, an f32 close to their middle, than size times extent (the upper half of an f32's bits);
+ * size is 2^exponent, and extents are at most 1. Lanes beyond the count repeat lane 0.
  */
-struct gn_ref_block_f32 {
+struct gn_ref_leaf_f32 {
     float w[3][3][GN_REF_NODE_WIDTH];
-    uint32_t id[GN_REF_NODE_WIDTH];
+    float origin[3];
+    uint16_t extent[3];
+    int16_t exponent;
+    uint8_t count;
+    bool fine; /* some vertex is not a multiple of gn_ref_bvh::quantum */
+    uint8_t unused[10];
+    struct gn_ref_primitive primitive[GN_REF_NODE_WIDTH];
 };
-struct gn_ref_block_f64 {
-    double w[3][3][GN_REF_NODE_WIDTH];
-    double error[GN_REF_NODE_WIDTH];
-    uint32_t id[GN_REF_NODE_WIDTH];
+
+/*
+ * Where they are not f32: on a grid of the leaf's own. Vertex v of lane l is, along each axis, within 0.5625 size step of
+ *     tree's centre + centre + size step k[v][axis][l],
+ * size and step being powers of two, step at most 1. What is not known so well has an infinite step. Lanes beyond
+ * the count are all 0.
+ */
+struct gn_ref_leaf_i16 {
+    int16_t k[3][3][GN_REF_NODE_WIDTH];
+    float centre[3];
+    float step[3];
+    float inverse_size; /* 1 / size */
+    uint32_t first; /* of gn_ref_bvh::triangles */
+    uint8_t count;
+    uint8_t unused[15];
+};
+_Static_assert(sizeof(struct gn_ref_leaf_f32) == 416 && sizeof(struct gn_ref_leaf_i16) == 192, "lines of a cache");
+
+/* A triangle in f64, with a bound of its vertices' error. w[vertex][axis]. */
+struct gn_ref_triangle_f64 {
+    double w[3][3];
+    double error;
+    struct gn_ref_primitive primitive;
 };
 
 #define GN_REF_LEAF_BIT 0x80000000u
-/* With the leaf bit: some vertex of the leaf is not a multiple of gn_ref_bvh::quantum. */
-#define GN_REF_FINE_BIT 0x40000000u
 /*
  * Bounds relative to the tree's centre, which contain what is below (rounded outward). bound + centre is an f64
- * exactly. An unused child has lower > upper and is GN_REF_NONE; a leaf is its index with GN_REF_LEAF_BIT and perhaps
- * GN_REF_FINE_BIT.
+ * exactly. An unused child has lower > upper and is GN_REF_NONE; a leaf is its index with GN_REF_LEAF_BIT.
  */
 struct gn_ref_node {
     float lower[3][GN_REF_NODE_WIDTH];
     float upper[3][GN_REF_NODE_WIDTH];
     uint32_t child[GN_REF_NODE_WIDTH];
+    uint32_t unused[8]; /* four lines of a cache */
 };
 
-/* A tree over triangles (one of the blocks) or over boxes (ids). A leaf has at most GN_REF_NODE_WIDTH of them. */
+/* A tree over triangles (leaves of one kind) or over boxes (ids). A leaf has at most GN_REF_NODE_WIDTH. */
 struct gn_ref_bvh {
     struct gn_ref_node *nodes; /* the root is the first */
     uint32_t node_count;
     uint32_t leaf_count;
-    struct gn_ref_block_f32 *blocks_f32;
-    struct gn_ref_block_f64 *blocks_f64;
-    uint32_t (*boxes)[GN_REF_NODE_WIDTH]; /* indices of primitives, then GN_REF_NONE */
+    uint32_t triangle_count;
+    struct gn_ref_leaf_f32 *leaves_f32; /* or */
+    struct gn_ref_leaf_i16 *leaves_i16; /* with */
+    struct gn_ref_triangle_f64 *triangles; /* in the leaves' order */
+    uint32_t (*boxes)[GN_REF_NODE_WIDTH]; /* ids of primitives, then GN_REF_NONE */
     double centre[3];
     double half[3]; /* no bound is larger in magnitude; may be infinite */
-    double quantum; /* a power of two, or 0; the vertices of blocks_f32 are multiples but for those of fine leaves */
+    double quantum; /* a power of two, or 0; the vertices of leaves_f32 are multiples but for those of fine leaves */
     double inverse_quantum;
 };
 
@@ -118,9 +144,10 @@ struct gn_ref_scene {
     uint32_t instance_count, instance_capacity;
     bool committed;
     double commit_seconds; /* by the wall clock */
-    struct gn_ref_primitive *primitives;
-    uint32_t triangle_count; /* of primitives[] */
-    uint32_t primitive_count;
+    uint32_t triangle_count;
+    uint32_t primitive_count; /* and boxes */
+    uint32_t first_box; /* no triangle's id is as large */
+    struct gn_ref_primitive *boxes; /* id - first_box */
     struct gn_ref_bvh bvh; /* of the triangles */
     struct gn_ref_bvh box_bvh;
     uint32_t common_mask; /* the bits that the masks of all active instances have */
@@ -152,13 +179,35 @@ void gn_ref_effect_ran(enum gn_ref_effect effect, uint64_t times);
 bool gn_ref_effect_applies(enum gn_ref_effect effect, bool called, uint64_t times);
 extern const float gn_ref_identity[12];
 
-/*
- * Builds a tree over `count` triangles, or, where triangles is NULL, over `count` boxes with the bounds given (which
- * contain them); the ids of the primitives begin with first_id. False, with a message, when memory is short.
- */
-bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_vertex (*triangles)[3],
-                      const struct gn_ref_bounds *bounds, uint32_t first_id, uint32_t count, char *error,
-                      size_t error_size);
+static inline const struct gn_ref_primitive *gn_ref_scene_primitive(const struct gn_ref_scene *scene, uint32_t id)
+{
+    const struct gn_ref_bvh *bvh = &scene->bvh;
+    uint32_t leaf = id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
+    if (id >= scene->first_box)
+        return &scene->boxes[id - scene->first_box];
+    return bvh->leaves_f32 ? &bvh->leaves_f32[leaf].primitive[lane]
+                           : &bvh->triangles[bvh->leaves_i16[leaf].first + lane].primitive;
+}
+/* The order of instance, geometry, primitive: -1, 0, 1. */
+static inline int gn_ref_primitive_compare(const struct gn_ref_primitive *p, const struct gn_ref_primitive *q)
+{
+    if (p->instance != q->instance)
+        return p->instance < q->instance ? -1 : 1;
+    if (p->geometry != q->geometry)
+        return p->geometry < q->geometry ? -1 : 1;
+    return (p->primitive > q->primitive) - (p->primitive < q->primitive);
+}
+
+/* What a tree is built over: triangles, or, where that is NULL, boxes with ids from first_id on. */
+struct gn_ref_bvh_input {
+    const struct gn_ref_primitive *primitives;
+    const struct gn_ref_bounds *bounds; /* contain them */
+    const struct gn_ref_vertex (*triangles)[3];
+    uint32_t first_id;
+    uint32_t count;
+};
+/* False, with a message, when memory is short. */
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, char *error, size_t error_size);
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh);
 uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh);
 

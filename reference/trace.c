@@ -97,10 +97,10 @@ void gn_ref_trace_end(struct gn_ref_trace *trace)
 static bool exact_t(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_ratio *out)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
-    const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, id);
     const struct gn_ref_ray *ray = trace->setup.ray;
     trace->exact_count++;
-    if (id < trace->scene->triangle_count) {
+    if (id < trace->scene->first_box) {
         if (gn_ref_triangle_exact(exact, trace->scene, primitive, ray).sum == 0)
             return false;
     } else {
@@ -133,7 +133,7 @@ bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_la
         gn_ref_ray_integers_prepare(&trace->integers, trace->setup.ray);
         trace->integers_ready = true;
     }
-    if (!gn_ref_triangle_wide(out, trace->scene, &trace->scene->primitives[id], &trace->setup, &trace->integers))
+    if (!gn_ref_triangle_wide(out, trace->scene, gn_ref_scene_primitive(trace->scene, id), &trace->setup, &trace->integers))
         return false;
     trace->wide++;
     return true;
@@ -153,7 +153,7 @@ static void sharpen(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     struct gn_ref_lane lane;
     struct gn_ref_estimate estimate;
-    if (found->sharp || found->id >= trace->scene->triangle_count)
+    if (found->sharp || found->id >= trace->scene->first_box)
         return;
     found->sharp = true;
     if (!gn_ref_trace_wide(trace, found->id, &lane) || !gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
@@ -176,7 +176,7 @@ static bool same_position(const struct gn_ref_geometry *geometry, uint32_t a, ui
  */
 static bool meets_shared_feature(const struct gn_ref_trace *trace, const struct gn_ref_found *a, const struct gn_ref_found *b)
 {
-    const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
+    const struct gn_ref_primitive *p = gn_ref_scene_primitive(trace->scene, a->id), *q = gn_ref_scene_primitive(trace->scene, b->id);
     if (!a->zeros || !b->zeros || p->instance != q->instance || p->geometry != q->geometry)
         return false;
     const struct gn_ref_geometry *geometry =
@@ -220,12 +220,8 @@ static int compare_found(struct gn_ref_trace *trace, struct gn_ref_found *a, str
     int order = gn_ref_trace_compare(trace, a, b);
     if (order != 0 || a->id == b->id)
         return order;
-    const struct gn_ref_primitive *p = &trace->scene->primitives[a->id], *q = &trace->scene->primitives[b->id];
-    if (p->instance != q->instance)
-        return p->instance < q->instance ? -1 : 1;
-    if (p->geometry != q->geometry)
-        return p->geometry < q->geometry ? -1 : 1;
-    return p->primitive < q->primitive ? -1 : 1;
+    return gn_ref_primitive_compare(gn_ref_scene_primitive(trace->scene, a->id),
+                                    gn_ref_scene_primitive(trace->scene, b->id));
 }
 
 static void accept(struct gn_ref_trace *trace, struct gn_ref_found *found)
@@ -264,7 +260,7 @@ bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_r
     *out_opaque = true;
     if (!(effects & (1u << GN_REF_EFFECT_MASK | 1u << GN_REF_EFFECT_ANY_HIT)))
         return true;
-    const struct gn_ref_primitive *primitive = &scene->primitives[id];
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, id);
     const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
     if (effects >> GN_REF_EFFECT_MASK & 1) {
         gn_ref_effect_ran(GN_REF_EFFECT_MASK, 1);
@@ -304,7 +300,7 @@ bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint
     if (!(effects >> GN_REF_EFFECT_MIRRORING & 1))
         return sum_sign < 0;
     gn_ref_effect_ran(GN_REF_EFFECT_MIRRORING, 1);
-    uint32_t instance = scene->primitives[id].instance;
+    uint32_t instance = gn_ref_scene_primitive(scene, id)->instance;
     bool front = sum_sign * scene->instance_data[instance].determinant_sign < 0;
     return front != ((scene->instances[instance].flags & GN_REF_INSTANCE_FLIP_FACING) != 0);
 }
@@ -315,7 +311,7 @@ bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct g
     if (!(effects >> GN_REF_EFFECT_FACE_CULLING & 1))
         return true;
     gn_ref_effect_ran(GN_REF_EFFECT_FACE_CULLING, 1);
-    if (scene->instances[scene->primitives[id].instance].flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
+    if (scene->instances[gn_ref_scene_primitive(scene, id)->instance].flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
         return true;
     return !(ray->flags & (front ? GN_REF_RAY_CULL_FRONT_FACING : GN_REF_RAY_CULL_BACK_FACING));
 }
@@ -333,7 +329,7 @@ bool gn_ref_trace_triangle_exact(struct gn_ref_trace *trace, struct gn_ref_found
     const struct gn_ref_ray *ray = trace->setup.ray;
     trace->exact_count++;
     struct gn_ref_signs signs =
-        gn_ref_triangle_exact(exact, trace->scene, &trace->scene->primitives[found->id], ray);
+        gn_ref_triangle_exact(exact, trace->scene, gn_ref_scene_primitive(trace->scene, found->id), ray);
     if (!gn_ref_signs_meet(&signs) || !facing_admitted(trace, signs.sum, found))
         return false;
     if (isinf(ray->tmin) || gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) <= 0)
@@ -419,7 +415,7 @@ static void box_consider(struct gn_ref_trace *trace, uint32_t id)
     if (!admitted(trace, id, &found) || (trace->setup.ray->flags & GN_REF_RAY_SKIP_AABBS))
         return;
     const struct gn_ref_ray *ray = trace->setup.ray;
-    const struct gn_ref_primitive *primitive = &trace->scene->primitives[id];
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, id);
     const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
     const float *box = trace->scene->blases[instance->blas].geometries[primitive->geometry].aabbs[primitive->primitive];
     struct gn_ref_interval entry, leave;
@@ -457,18 +453,21 @@ static void box_consider(struct gn_ref_trace *trace, uint32_t id)
     accept(trace, &found);
 }
 
-/* Half of a leaf's triangles, as the filter takes them. */
-static void block_load(struct gn_ref_block *out, const struct gn_ref_bvh *bvh, uint32_t leaf, int first)
+/* Up to four triangles of a leaf from lane `first` on, as the filter takes them. False when there are none. */
+static bool block_load(struct gn_ref_block *out, const struct gn_ref_bvh *bvh, uint32_t leaf, uint32_t first)
 {
-    const struct gn_ref_block_f32 *narrow = bvh->blocks_f32 ? &bvh->blocks_f32[leaf] : NULL;
-    const struct gn_ref_block_f64 *wide = narrow ? NULL : &bvh->blocks_f64[leaf];
-    for (int l = 0; l < GN_REF_BLOCK_WIDTH; l++) {
+    const struct gn_ref_leaf_f32 *narrow = bvh->leaves_f32 ? &bvh->leaves_f32[leaf] : NULL;
+    uint32_t count = narrow ? narrow->count : bvh->leaves_i16[leaf].count;
+    for (uint32_t l = 0; first < count && l < GN_REF_BLOCK_WIDTH; l++) {
+        uint32_t lane = first + l < count ? first + l : count - 1;
+        const struct gn_ref_triangle_f64 *wide = narrow ? NULL : &bvh->triangles[bvh->leaves_i16[leaf].first + lane];
         for (int v = 0; v < 3; v++)
             for (int axis = 0; axis < 3; axis++)
-                out->w[v][axis][l] = narrow ? (double)narrow->w[v][axis][first + l] : wide->w[v][axis][first + l];
-        out->error[l] = narrow ? 0 : wide->error[first + l];
-        out->id[l] = narrow ? narrow->id[first + l] : wide->id[first + l];
+                out->w[v][axis][l] = narrow ? (double)narrow->w[v][axis][lane] : wide->w[v][axis];
+        out->error[l] = narrow ? 0 : wide->error;
+        out->id[l] = first + l < count ? leaf * GN_REF_NODE_WIDTH + lane : GN_REF_NONE;
     }
+    return first < count;
 }
 
 static void leaf_visit(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh, uint32_t leaf)
@@ -478,12 +477,10 @@ static void leaf_visit(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh,
             box_consider(trace, bvh->boxes[leaf][i]);
         return;
     }
-    for (int first = 0; first < GN_REF_NODE_WIDTH; first += GN_REF_BLOCK_WIDTH) {
-        struct gn_ref_block block;
+    struct gn_ref_block block;
+    for (uint32_t first = 0; first < GN_REF_NODE_WIDTH && block_load(&block, bvh, leaf, first);
+         first += GN_REF_BLOCK_WIDTH) {
         struct gn_ref_filter filter;
-        block_load(&block, bvh, leaf, first);
-        if (block.id[0] == GN_REF_NONE)
-            return;
         gn_ref_filter_block_f64(&filter, &block, &trace->setup);
         if (trace->counts) {
             trace->counts->leaves += first == 0;
@@ -516,7 +513,7 @@ static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
         if (top.t > trace->limit * (1 + 0x1p-48))
             continue;
         if (top.child & GN_REF_LEAF_BIT) {
-            leaf_visit(trace, bvh, top.child & ~(GN_REF_LEAF_BIT | GN_REF_FINE_BIT));
+            leaf_visit(trace, bvh, top.child & ~GN_REF_LEAF_BIT);
             continue;
         }
         const struct gn_ref_node *node = &bvh->nodes[top.child];
@@ -555,9 +552,9 @@ static void refine(struct gn_ref_trace *trace, struct gn_ref_found *found)
     if (accurate(found))
         return;
     struct gn_ref_exact *exact = exact_stage(trace);
-    const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, found->id);
     trace->exact_count++;
-    if (found->id < trace->scene->triangle_count) {
+    if (found->id < trace->scene->first_box) {
         gn_ref_triangle_exact(exact, trace->scene, primitive, trace->setup.ray);
         found->beta = gn_ref_exact_barycentric(exact, 1);
         found->gamma = gn_ref_exact_barycentric(exact, 2);
@@ -571,8 +568,8 @@ static void refine(struct gn_ref_trace *trace, struct gn_ref_found *found)
 void gn_ref_trace_hit_write(struct gn_ref_trace *trace, struct gn_ref_found *found, struct gn_ref_hit *out)
 {
     refine(trace, found);
-    const struct gn_ref_primitive *primitive = &trace->scene->primitives[found->id];
-    bool triangle = found->id < trace->scene->triangle_count;
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, found->id);
+    bool triangle = found->id < trace->scene->first_box;
     *out = (struct gn_ref_hit){
         .type = triangle ? GN_REF_TRIANGLES : GN_REF_AABBS,
         .instance = primitive->instance,
@@ -660,39 +657,45 @@ int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_r
     return result;
 }
 
-/* The flattened index of a primitive: they are in the order of their ids. */
-static uint32_t find_triangle(const struct gn_ref_scene *scene, const struct gn_ref_hit *hit)
+/* Whether a hit names a triangle that the scene has and that is active; it may be degenerate. */
+static bool triangle_named(const struct gn_ref_scene *scene, const struct gn_ref_hit *hit, struct gn_ref_primitive *out)
 {
-    uint32_t first = 0, last = scene->triangle_count;
-    while (first < last) {
-        uint32_t middle = first + (last - first) / 2;
-        const struct gn_ref_primitive *p = &scene->primitives[middle];
-        bool before = p->instance != hit->instance ? p->instance < hit->instance
-                      : p->geometry != hit->geometry ? p->geometry < hit->geometry
-                                                     : p->primitive < hit->primitive;
-        if (before)
-            first = middle + 1;
-        else
-            last = middle;
-    }
-    if (first == scene->triangle_count)
-        return GN_REF_NONE;
-    const struct gn_ref_primitive *p = &scene->primitives[first];
-    bool same = p->instance == hit->instance && p->geometry == hit->geometry && p->primitive == hit->primitive;
-    return same ? first : GN_REF_NONE;
+    *out = (struct gn_ref_primitive){hit->instance, hit->geometry, hit->primitive};
+    if (hit->instance >= scene->instance_count || scene->instances[hit->instance].blas == GN_REF_NULL_BLAS)
+        return false;
+    const struct gn_ref_blas *blas = &scene->blases[scene->instances[hit->instance].blas];
+    if (hit->geometry >= blas->geometry_count || blas->geometries[hit->geometry].type != GN_REF_TRIANGLES ||
+        hit->primitive >= blas->geometries[hit->geometry].primitive_count)
+        return false;
+    const struct gn_ref_geometry *geometry = &blas->geometries[hit->geometry];
+    for (int v = 0; v < 3; v++)
+        if (isnan(geometry->positions[geometry->triangles[hit->primitive][v]][0]))
+            return false;
+    return true;
 }
 
 int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                            const struct gn_ref_hit *a, const struct gn_ref_hit *b)
 {
     struct gn_ref_trace trace;
+    struct gn_ref_primitive triangles[2];
+    int order = 0;
     if (!gn_ref_trace_begin(&trace, scene, ray))
         return 0;
-    struct gn_ref_found first = {.id = find_triangle(scene, a), .t = {-INFINITY, INFINITY}};
-    struct gn_ref_found second = {.id = find_triangle(scene, b), .t = {-INFINITY, INFINITY}};
-    int order = 0;
-    if (first.id != GN_REF_NONE && second.id != GN_REF_NONE)
-        order = gn_ref_trace_compare(&trace, &first, &second);
+    if (triangle_named(scene, a, &triangles[0]) && triangle_named(scene, b, &triangles[1]) &&
+        gn_ref_primitive_compare(&triangles[0], &triangles[1]) != 0) {
+        struct gn_ref_exact *exact = exact_stage(&trace);
+        struct gn_ref_ratio first;
+        mpz_init(first.numerator);
+        mpz_init(first.denominator);
+        if (gn_ref_triangle_exact(exact, scene, &triangles[0], ray).sum != 0) {
+            gn_ref_ratio_set(&first, &exact->t);
+            if (gn_ref_triangle_exact(exact, scene, &triangles[1], ray).sum != 0)
+                order = gn_ref_ratio_compare(exact, &first, &exact->t);
+        }
+        mpz_clear(first.numerator);
+        mpz_clear(first.denominator);
+    }
     gn_ref_trace_end(&trace);
     return order;
 }

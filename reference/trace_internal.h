@@ -42,6 +42,13 @@ struct gn_ref_trace {
 bool gn_ref_trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray);
 void gn_ref_trace_end(struct gn_ref_trace *trace);
 bool gn_ref_trace_ray_valid(const struct gn_ref_ray *ray);
+/* gn_ref_trace_closest_triangles_exact() with hits that are `stride` bytes apart. */
+void gn_ref_trace_closest_triangles_apart(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,
+                                          struct gn_ref_hit *out_hits, size_t stride, int8_t *out_found);
+/* Whether a triangle is met at all: 1, 0 or -1 as for the closest, without looking for the closest. */
+int gn_ref_trace_any_triangle(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray);
+void gn_ref_trace_any_triangles(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,
+                                int8_t *out_found);
 /* Only the nearest triangle, by the f64 traversal, which takes every scene and ray. */
 int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                              struct gn_ref_hit *out_hit);

@@ -10,6 +10,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "reference/trace_internal.h"
 #include "reference/tracer_internal.h"
 
 static const struct gn_ref_tier_functions *const tiers[GN_REF_TIER_COUNT] = {
@@ -261,7 +262,7 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
 static bool certified_create(struct gn_ref_tracer *tracer)
 {
     const struct gn_ref_scene *scene = tracer->scene;
-    tracer->cost.bytes = malloc_usable_size(scene->instance_data) + malloc_usable_size(scene->primitives) +
+    tracer->cost.bytes = malloc_usable_size(scene->instance_data) + malloc_usable_size(scene->boxes) +
                          gn_ref_bvh_bytes(&scene->bvh) + gn_ref_bvh_bytes(&scene->box_bvh);
     tracer->cost.seconds = scene->commit_seconds;
     return true;
@@ -275,23 +276,25 @@ static void certified_finish(const struct gn_ref_scene *scene, struct gn_ref_rec
     record->barycentric_error = record->hit.type == GN_REF_TRIANGLES ? 0x1p-40 : 0;
 }
 
-/* trace.c's closest is of triangles alone: where boxes count, it is the first of the list. */
-static enum gn_ref_outcome certified_nearest(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
-                                             struct gn_ref_hit *out_hit)
+/* Whether boxes may count, which the traces of triangles alone do not look at. */
+static bool boxes_count(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
 {
-    int64_t found;
     uint32_t effects = gn_ref_effects_called(scene, ray->flags, ray->cull_mask) | gn_ref_effects_forced();
-    if (!(effects >> GN_REF_EFFECT_AABBS & 1))
-        found = gn_ref_trace_closest_triangle_exact(scene, ray, out_hit);
-    else
-        found = gn_ref_trace_all_exact(scene, ray, out_hit, 1);
+    return effects >> GN_REF_EFFECT_AABBS & 1;
+}
+
+static enum gn_ref_outcome outcome_of(int64_t found)
+{
     return found < 0 ? GN_REF_FAILED : found > 0 ? GN_REF_HIT : GN_REF_MISS;
 }
 
 static enum gn_ref_outcome certified_closest(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray,
                                              struct gn_ref_record *out_record)
 {
-    enum gn_ref_outcome outcome = certified_nearest(tracer->scene, ray, &out_record->hit);
+    const struct gn_ref_scene *scene = tracer->scene;
+    enum gn_ref_outcome outcome =
+        outcome_of(boxes_count(scene, ray) ? gn_ref_trace_all_exact(scene, ray, &out_record->hit, 1)
+                                           : gn_ref_trace_closest_triangle_exact(scene, ray, &out_record->hit));
     if (outcome == GN_REF_HIT)
         certified_finish(tracer->scene, out_record);
     return outcome;
@@ -299,8 +302,9 @@ static enum gn_ref_outcome certified_closest(const struct gn_ref_tracer *tracer,
 
 static enum gn_ref_outcome certified_occluded(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray)
 {
-    struct gn_ref_hit hit;
-    return certified_nearest(tracer->scene, ray, &hit);
+    const struct gn_ref_scene *scene = tracer->scene;
+    return outcome_of(boxes_count(scene, ray) ? gn_ref_trace_all_exact(scene, ray, NULL, 0)
+                                              : gn_ref_trace_any_triangle(scene, ray));
 }
 
 static int64_t certified_all(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray,
@@ -324,47 +328,42 @@ static int64_t certified_all(const struct gn_ref_tracer *tracer, const struct gn
     return count < 0 ? GN_REF_FAILED : count;
 }
 
-/* How many rays are handed on at once: many to those in flight, and little memory on the stack. */
-enum { PART = 256 };
+/* How many rays are handed on at once: many to those in flight, and their records still in the cache afterwards. */
+enum { PART = 1024 };
 
-/* The batch's answers, part by part; false where boxes may count, which trace.c has no batch for. */
-static bool certified_part(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,
-                           struct gn_ref_hit hits[PART], enum gn_ref_outcome outcomes[PART])
+/* False where boxes may count for one of the rays. */
+static bool part_is_of_triangles(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count)
 {
-    int8_t found[PART];
-    if (gn_ref_effects_forced() >> GN_REF_EFFECT_AABBS & 1)
-        return false;
-    for (size_t i = 0; scene->triangle_count != scene->primitive_count && i < count; i++)
-        if (!(rays[i].flags & GN_REF_RAY_SKIP_AABBS))
+    if (scene->triangle_count == scene->primitive_count && !gn_ref_effects_forced())
+        return true;
+    for (size_t i = 0; i < count; i++)
+        if (boxes_count(scene, &rays[i]))
             return false;
-    gn_ref_trace_closest_triangles_exact(scene, rays, count, hits, found);
-    for (size_t i = 0; i < count; i++) {
-        outcomes[i] = found[i] > 0 ? GN_REF_HIT : GN_REF_MISS;
-        if (found[i] < 0)
-            outcomes[i] = gn_ref_tracer_ray_valid(&rays[i]) ? GN_REF_FAILED : GN_REF_INVALID_RAY;
-    }
     return true;
+}
+
+static enum gn_ref_outcome batch_outcome(const struct gn_ref_ray *ray, int8_t found)
+{
+    return found < 0 && !gn_ref_tracer_ray_valid(ray) ? GN_REF_INVALID_RAY : outcome_of(found);
 }
 
 static void certified_closest_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays, size_t ray_count,
                                     struct gn_ref_record *out_records)
 {
-    struct gn_ref_hit hits[PART];
-    enum gn_ref_outcome outcomes[PART];
+    int8_t found[PART];
     for (size_t first = 0; first < ray_count; first += PART) {
         size_t count = ray_count - first < PART ? ray_count - first : PART;
-        bool done = certified_part(tracer->scene, rays + first, count, hits, outcomes);
+        struct gn_ref_record *records = out_records + first;
+        bool of_triangles = part_is_of_triangles(tracer->scene, rays + first, count);
+        if (of_triangles)
+            gn_ref_trace_closest_triangles_apart(tracer->scene, rays + first, count, &records->hit, sizeof *records, found);
         for (size_t i = 0; i < count; i++) {
-            struct gn_ref_record *record = &out_records[first + i];
-            if (!done) {
-                gn_ref_tracer_closest(tracer, &rays[first + i], record);
-                continue;
-            }
-            *record = (struct gn_ref_record){.outcome = outcomes[i]};
-            if (outcomes[i] == GN_REF_HIT) {
-                record->hit = hits[i];
-                certified_finish(tracer->scene, record);
-            }
+            if (!of_triangles)
+                gn_ref_tracer_closest(tracer, &rays[first + i], &records[i]);
+            else if (found[i] > 0)
+                certified_finish(tracer->scene, &records[i]);
+            else
+                records[i] = (struct gn_ref_record){.outcome = batch_outcome(&rays[first + i], found[i])};
         }
     }
 }
@@ -372,13 +371,15 @@ static void certified_closest_batch(const struct gn_ref_tracer *tracer, const st
 static void certified_occluded_batch(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *rays,
                                      size_t ray_count, enum gn_ref_outcome *out_outcomes)
 {
-    struct gn_ref_hit hits[PART];
-    enum gn_ref_outcome outcomes[PART];
+    int8_t found[PART];
     for (size_t first = 0; first < ray_count; first += PART) {
         size_t count = ray_count - first < PART ? ray_count - first : PART;
-        bool done = certified_part(tracer->scene, rays + first, count, hits, outcomes);
+        bool of_triangles = part_is_of_triangles(tracer->scene, rays + first, count);
+        if (of_triangles)
+            gn_ref_trace_any_triangles(tracer->scene, rays + first, count, found);
         for (size_t i = 0; i < count; i++)
-            out_outcomes[first + i] = done ? outcomes[i] : gn_ref_tracer_occluded(tracer, &rays[first + i]);
+            out_outcomes[first + i] = of_triangles ? batch_outcome(&rays[first + i], found[i])
+                                                   : gn_ref_tracer_occluded(tracer, &rays[first + i]);
     }
 }
 
