@@ -2,6 +2,7 @@
 /* Applications without ray tracing: the layer is there, and nothing of it is in their way. */
 #include "tests/layer/harness.h"
 
+#include <link.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -81,6 +82,104 @@ static void pointers_are_the_next_layers_own(void **state)
     free(keeper);
 }
 
+/* Allocations that come from within the layer, told by who calls. */
+#ifndef SANITIZED
+static _Atomic bool counting;
+static _Atomic unsigned counted;
+static uintptr_t layer_begin, layer_end;
+
+extern void *__libc_malloc(size_t size);
+extern void *__libc_calloc(size_t count, size_t size);
+extern void *__libc_realloc(void *memory, size_t size);
+
+static void count(void *caller)
+{
+    if (counting && (uintptr_t)caller >= layer_begin && (uintptr_t)caller < layer_end)
+        counted++;
+}
+
+__attribute__((visibility("default"))) void *malloc(size_t size)
+{
+    count(__builtin_return_address(0));
+    return __libc_malloc(size);
+}
+
+__attribute__((visibility("default"))) void *calloc(size_t number, size_t size)
+{
+    count(__builtin_return_address(0));
+    return __libc_calloc(number, size);
+}
+
+__attribute__((visibility("default"))) void *realloc(void *memory, size_t size)
+{
+    count(__builtin_return_address(0));
+    return __libc_realloc(memory, size);
+}
+
+static int find_layer(struct dl_phdr_info *info, size_t size, void *unused)
+{
+    (void)size, (void)unused;
+    if (!strstr(info->dlpi_name, "libVkLayer_gnomon_ray_tracing.so"))
+        return 0;
+    layer_begin = UINTPTR_MAX;
+    for (int i = 0; i < info->dlpi_phnum; i++)
+        if (info->dlpi_phdr[i].p_type == PT_LOAD) {
+            uintptr_t begin = info->dlpi_addr + info->dlpi_phdr[i].p_vaddr, end = begin + info->dlpi_phdr[i].p_memsz;
+            layer_begin = begin < layer_begin ? begin : layer_begin;
+            layer_end = end > layer_end ? end : layer_end;
+        }
+    return 1;
+}
+#endif
+
+static unsigned allocations_of(const struct world_options *options, int frames)
+{
+#ifdef SANITIZED
+    (void)options, (void)frames;
+    return 0;
+#else
+    struct world *world = calloc(1, sizeof *world);
+    counted = 0;
+    counting = frames < 0; /* the making of a world instead of its frames */
+    world_init(world, options);
+    counting = false;
+    assert_true(dl_iterate_phdr(find_layer, NULL) == 1);
+    struct buffer buffer = buffer_create(world, 256, VK_BUFFER_USAGE_TRANSFER_DST_BIT);
+    VkFence fence = fence_create(world);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_end(commands);
+    for (int frame = 0; frame < frames; frame++) {
+        counting = frame >= 2; /* after the first ones, which may keep what they make */
+        vkResetCommandBuffer(commands, 0);
+        VkCommandBufferBeginInfo begin = {.sType = VK_STRUCTURE_TYPE_COMMAND_BUFFER_BEGIN_INFO};
+        assert_int_equal(vkBeginCommandBuffer(commands, &begin), VK_SUCCESS);
+        vkCmdFillBuffer(commands, buffer.handle, 0, 256, (uint32_t)frame);
+        commands_end(commands);
+        submit(world, commands, fence);
+        assert_int_equal(vkWaitForFences(world->device, 1, &fence, VK_TRUE, UINT64_MAX), VK_SUCCESS);
+        assert_int_equal(vkResetFences(world->device, 1, &fence), VK_SUCCESS);
+    }
+    counting = false;
+    vkDestroyFence(world->device, fence, NULL);
+    buffer_destroy(world, &buffer);
+    world_finish(world);
+    free(world);
+    return counted;
+#endif
+}
+
+static void nothing_is_allocated_per_frame(void **state)
+{
+    (void)state;
+    struct world_options plain = {.without_structures = true};
+#ifdef SANITIZED
+    print_message("a sanitizer has the allocator for itself\n");
+    skip();
+#endif
+    assert_int_equal(allocations_of(&plain, 50), 0);
+    assert_true(allocations_of(&plain, -1) > 0); /* the count can rise */
+}
+
 static void an_extension_that_is_off_stays_off(void **state)
 {
     (void)state;
@@ -132,6 +231,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(device_without_structures),
         cmocka_unit_test(pointers_are_the_next_layers_own),
+        cmocka_unit_test(nothing_is_allocated_per_frame),
         cmocka_unit_test(an_extension_that_is_off_stays_off),
         cmocka_unit_test(vulkaninfo),
     };
