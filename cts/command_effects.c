@@ -11,6 +11,7 @@
 #include "cts/commands.h"
 #include "cts/describe.h"
 #include "cts/effects.h"
+#include "cts/render.h"
 #include "cts/select.h"
 
 enum { OPTION_RAYS = 256, OPTION_RUNS, OPTION_SEED, OPTION_QUICK, OPTION_JSON, OPTION_FLAGS, OPTION_MASK };
@@ -309,12 +310,14 @@ int gn_command_effects(int argc, char **argv)
         "SCENE",
         "Says what a scene calls for and why, what is left out, and what that would have cost.\v"
         "SCENE is a scene of `gnomon accuracy --list`, a model file, or a case of `gnomon run --list`, whose own rays and flags "
-        "are taken. Each effect that not every ray calls for is forced on and timed; the answers have to stay.\n\n"
+        "are taken; for light transport it is cubes, landscape or forest, or a model file with --light. Each effect that not every ray calls for is forced on and timed; the answers have to stay.\n\n"
         "Exit status: 0 as it should be; 1 an effect ran that nothing calls for, or forcing one changed an answer; 2 wrong "
         "usage, an unknown scene; 3 the harness itself failed; 4 nothing was traced.",
         NULL,
         NULL,
         NULL};
+    if (gn_command_render_wanted(argc, argv))
+        return gn_command_render(argc, argv);
     struct arguments arguments = {.options = {.runs = 5}, .seed = 1, .rays = 10000, .mask = 0xFF};
     struct gn_effects_report report = {0};
     struct gn_arena arena = {0};

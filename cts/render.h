@@ -31,7 +31,7 @@ struct gn_render_material {
     float index; /* of refraction, in the middle of the spectrum */
     float spread; /* index of blue less index of red */
     bool holes; /* a pattern of holes over each triangle; its geometries are not opaque */
-    bool checkered; /* squares of two colours in object space */
+    bool checkered; /* cubes of two shades in world space */
 };
 
 struct gn_render_light {
@@ -77,7 +77,7 @@ struct gn_render_result {
     uint64_t primary, pink; /* rays from the eye; those that were not traced for depth */
     uint64_t rays[GN_RENDER_EFFECT_COUNT];
     uint64_t traced;
-    double seconds;
+    double seconds; /* of the thread's own time by the reference, of the clock by a driver */
 };
 
 /* By the reference. False when memory is short or the scene not valid. */
