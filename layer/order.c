@@ -49,10 +49,11 @@ struct gn_hazard gn_hazard_of(const struct gn_device *device, const struct gn_co
     snprintf(place, size, "%s of %s in queue submission %llu", first->command,
              gn_object_describe(&commands, text, sizeof text), (unsigned long long)first->submission);
     static const enum gn_hazard_why why[] = {[GN_NOT_ORDERED] = GN_HAZARD_NOT_ORDERED,
+                                             [GN_SAME_COMMAND] = GN_HAZARD_NOT_ORDERED,
                                              [GN_NOT_AVAILABLE] = GN_HAZARD_NOT_AVAILABLE,
                                              [GN_NOT_VISIBLE] = GN_HAZARD_NOT_VISIBLE,
                                              [GN_OTHER_QUEUE] = GN_HAZARD_OTHER_QUEUE};
-    return (struct gn_hazard){.kind = kind_of(first->role, second->role),
+    return (struct gn_hazard){.kind = conflict->why == GN_SAME_COMMAND ? GN_HAZARD_OVERLAP : kind_of(first->role, second->role),
                               .why = why[conflict->why],
                               .certain = !second->passing,
                               .first_place = place,

@@ -255,6 +255,12 @@ static void meet(struct gn_range *range, void *context)
         if (order != GN_ORDERED)
             visit->conflict(visit->context, &(struct gn_conflict){.first = other, .second = touch, .why = order});
     }
+    /* Two uses of one structure, or of one scratch address, are told of by rules that look at the call alone. */
+    bool same_thing = (other->as == touch->as && other->role != GN_ROLE_SCRATCH && touch->role != GN_ROLE_SCRATCH &&
+                       other->role != GN_ROLE_INPUT && touch->role != GN_ROLE_INPUT) ||
+                      (other->role == GN_ROLE_SCRATCH && same_kind && range->base == touch->range.base);
+    if (other->position == touch->position && other->queue == touch->queue && (writes || gn_role_writes(other->role)) && !same_thing)
+        visit->conflict(visit->context, &(struct gn_conflict){.first = other, .second = touch, .why = GN_SAME_COMMAND});
     /* A later access of the same bytes says all that this one could say. */
     bool over_now = other->position != touch->position && over(other, visit->host);
     if ((over_now || ((writes || same_kind) && !touch->passing && covers(&touch->range, range))) &&

@@ -53,7 +53,7 @@ struct gn_touch {
     VkCommandBuffer command_buffer;
 };
 
-enum gn_order { GN_ORDERED, GN_NOT_ORDERED, GN_NOT_AVAILABLE, GN_NOT_VISIBLE, GN_OTHER_QUEUE };
+enum gn_order { GN_ORDERED, GN_NOT_ORDERED, GN_NOT_AVAILABLE, GN_NOT_VISIBLE, GN_OTHER_QUEUE, GN_SAME_COMMAND };
 
 /* A pair of accesses that nothing orders. */
 struct gn_conflict {

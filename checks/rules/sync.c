@@ -5,7 +5,7 @@
 #include <stdio.h>
 
 extern const struct gn_rule gn_rule_sync_instance, gn_rule_sync_trace, gn_rule_sync_trace_bound, gn_rule_sync_scratch,
-    gn_rule_sync_input, gn_rule_sync_structure, gn_rule_sync_binding_table;
+    gn_rule_sync_input, gn_rule_sync_structure, gn_rule_sync_binding_table, gn_rule_build_overlap;
 
 static const char *reason(const struct gn_hazard *hazard)
 {
@@ -173,4 +173,37 @@ const struct gn_rule gn_rule_sync_binding_table = {
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_HAZARD,
     .test.hazard = binding_table,
+};
+
+static void build_overlap(const struct gn_hazard *hazard, struct gn_report *report)
+{
+    if (hazard->kind != GN_HAZARD_OVERLAP)
+        return;
+    uint64_t site = gn_report_site(report, hazard->second.id ? hazard->second.id : hazard->begin,
+                                   hazard->first.id ? hazard->first.id : hazard->begin);
+    if (!gn_report_is_new(report, site))
+        return;
+    char first[320], second[320];
+    struct gn_object objects[] = {hazard->first.object, hazard->second.object};
+    describe(&hazard->first, first, sizeof first);
+    describe(&hazard->second, second, sizeof second);
+    gn_report_add(report, site, objects, hazard->first.id == hazard->second.id ? 1 : 2,
+                  "the addresses 0x%llx to 0x%llx are used twice in one command: it %s, and %s. Found in %s.",
+                  (unsigned long long)hazard->begin, (unsigned long long)hazard->end, first, second,
+                  hazard->place ? hazard->place : "a command");
+}
+
+const struct gn_rule gn_rule_build_overlap = {
+    .id = "build.overlap",
+    .title = "One command uses the same memory twice",
+    .text = "Within one command no memory that is written (a structure that is built or copied into, scratch memory) is used for anything "
+            "else: its elements run in any order.",
+    .remedy = "Give each element memory of its own (mind the size of scratch memory), or put them into two commands with a barrier between.",
+    .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-dstAccelerationStructure-03702",
+                "VUID-vkCmdBuildAccelerationStructuresKHR-dstAccelerationStructure-03703",
+                "VUID-vkCmdBuildAccelerationStructuresKHR-scratchData-03704",
+                "VUID-vkCmdBuildAccelerationStructuresKHR-scratchData-03705", "VUID-VkCopyAccelerationStructureInfoKHR-dst-07791"},
+    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
+    .on = GN_RULE_ON_HAZARD,
+    .test.hazard = build_overlap,
 };

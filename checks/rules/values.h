@@ -215,6 +215,7 @@ enum gn_hazard_kind {
     GN_HAZARD_SCRATCH,       /* scratch memory of a build */
     GN_HAZARD_INPUT,         /* input of a build */
     GN_HAZARD_STRUCTURE,     /* other reads and writes of structures */
+    GN_HAZARD_OVERLAP,       /* both belong to one command */
     GN_HAZARD_BINDING_TABLE, /* a trace reads its shader binding table */
     GN_HAZARD_KINDS
 };

@@ -294,6 +294,44 @@ static void alias(struct world *world, const struct order *order)
     structure_destroy(world, &first);
 }
 
+/* A structure in memory that may be scratch memory as well. */
+static struct structure roomy_create(struct world *world, struct buffer *out_before)
+{
+    struct structure tlas = tlas_create(world, 1);
+    *out_before = tlas.storage;
+    structure_destroy_handle(world, &tlas);
+    tlas.storage = buffer_create(world, 65536,
+                                 VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR | VK_BUFFER_USAGE_STORAGE_BUFFER_BIT);
+    structure_create_handle(world, &tlas, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR);
+    return tlas;
+}
+
+static void scratch_at(struct world *world, const struct order *order, bool two)
+{
+    struct buffer before;
+    struct structure first = roomy_create(world, &before), second = tlas_create(world, 1);
+    struct structure *both[] = {&first, &second}, *scratches = two ? &second : &first;
+    VkDeviceAddress own = scratches->scratch.address;
+    scratches->scratch.address = first.storage.address + (order->count ? 32768 : 0);
+    struct step step = begin(world);
+    commands_build(world, step.commands, both, two ? 2 : 1);
+    finish(&step);
+    scratches->scratch.address = own;
+    structure_destroy(world, &first);
+    structure_destroy(world, &second);
+    buffer_destroy(world, &before);
+}
+
+static void scratch_in_another(struct world *world, const struct order *order)
+{
+    scratch_at(world, order, true);
+}
+
+static void scratch_in_target(struct world *world, const struct order *order)
+{
+    scratch_at(world, order, false);
+}
+
 /* A chain through a stage that has nothing to do with either. */
 #define CHAIN {2, {{BUILD, WRITE, COPY, 0}, {COPY, 0, BUILD, READ}}, PLAIN}
 #define BROKEN_CHAIN {2, {{BUILD, WRITE, COPY, 0}, {COMPUTE, 0, BUILD, READ}}, PLAIN}
@@ -356,6 +394,10 @@ static const struct {
     {"update", "sync.structure", 0, update, {1, {{BUILD, WRITE, BUILD, READ | WRITE}}, PLAIN}, NULL},
     {"trace, then build, nothing", "sync.structure", 1, trace_to_build, {0}, "srcStageMask COMPUTE_SHADER, srcAccessMask 0"},
     {"trace, then build, execution only", "sync.structure", 0, trace_to_build, {1, {{COMPUTE, 0, BUILD, 0}}, PLAIN}, NULL},
+    {"scratch in another target", "build.overlap", 1, scratch_in_another, {0}, "are used twice in one command"},
+    {"scratch behind another target", "build.overlap", 0, scratch_in_another, {.count = 1}, NULL},
+    {"scratch in the target", "build.overlap", 1, scratch_in_target, {0}, "uses as scratch"},
+    {"scratch behind the target", "build.overlap", 0, scratch_in_target, {.count = 1}, NULL},
     {"two in one memory, nothing", "sync.structure", 1, alias, {0}, NULL},
     {"two in one memory", "sync.structure", 0, alias, {1, {{BUILD, WRITE, BUILD, READ | WRITE}}, PLAIN}, NULL},
 };

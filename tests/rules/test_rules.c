@@ -536,6 +536,9 @@ static const struct hazard_row {
     {"sync.input", "scratch", GN_HAZARD_SCRATCH, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
     {"sync.structure", "structure", GN_HAZARD_STRUCTURE, GN_HAZARD_NOT_ORDERED, false, 1, NULL},
     {"sync.structure", "uncertain", GN_HAZARD_STRUCTURE, GN_HAZARD_NOT_ORDERED, true, 0, NULL},
+    {"build.overlap", "overlap", GN_HAZARD_OVERLAP, GN_HAZARD_NOT_ORDERED, false, 1,
+     "0x1000 to 0x1040 are used twice in one command: it builds BLAS \"bush\" (0x1), and reads BLAS \"tree\" (0x2)"},
+    {"build.overlap", "structure", GN_HAZARD_STRUCTURE, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
     {"sync.binding_table", "table", GN_HAZARD_BINDING_TABLE, GN_HAZARD_NOT_ORDERED, false, 1, NULL},
     {"sync.binding_table", "input", GN_HAZARD_INPUT, GN_HAZARD_NOT_ORDERED, false, 0, NULL},
 };
