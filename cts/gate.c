@@ -163,6 +163,14 @@ const char *gn_gate_amount(const struct gn_bench_item *item, double value, char 
     return out;
 }
 
+static const char *verdict_of(const struct gn_gate_time *time)
+{
+    return time->exceeds       ? "  over the budget"
+           : time->undecided   ? "  too noisy to tell"
+           : time->unconfirmed ? "  over the budget at first, not when measured again"
+                               : "";
+}
+
 static void print_times(const struct gn_gate *gate, const char *red, const char *plain)
 {
     if (!gate->time_count)
@@ -179,7 +187,7 @@ static void print_times(const struct gn_gate *gate, const char *red, const char 
                gn_gate_amount(time->item, time->before_median, before), gn_gate_amount(time->item, time->now_median, now), time->ratio);
         if (!time->item->bytes)
             printf(" (%.2f to %.2f)", time->low, time->high);
-        printf("%s%s\n", time->exceeds ? "  over the budget" : time->undecided ? "  too noisy to tell" : "",
+        printf("%s%s\n", verdict_of(time),
                time->exceeds ? plain : "");
     }
 }

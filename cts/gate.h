@@ -44,6 +44,7 @@ struct gn_gate_time {
     double ratio, low, high; /* new to old: the median of the rounds' ratios, and the interval it lies in at 99 % */
     bool exceeds;            /* `low` is above the budget */
     bool undecided;          /* the budget lies within the interval still */
+    bool unconfirmed;        /* it exceeded the budget once, and not when measured again by new processes */
     const char *missing;     /* why there is no measurement, or "" */
 };
 

@@ -170,7 +170,9 @@ static void put_times(FILE *file, const struct gn_gate *gate)
                 time->exceeds ? "</span>" : "");
         put_interval(file, time, gate->budget);
         fprintf(file, "</td><td class=small>%s%s</td></tr>\n", time->item->about,
-                time->undecided ? "; too noisy to tell" : "");
+                time->undecided     ? "; too noisy to tell"
+                : time->unconfirmed ? "; over the budget at first, not when measured again"
+                                    : "");
     }
     fputs("</tbody></table></div>\n", file);
 }

@@ -76,6 +76,7 @@ static void put_times(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct gn
         yyjson_mut_obj_add_real(doc, object, "high", time->high);
         yyjson_mut_obj_add_bool(doc, object, "exceeds", time->exceeds);
         yyjson_mut_obj_add_bool(doc, object, "undecided", time->undecided);
+        yyjson_mut_obj_add_bool(doc, object, "unconfirmed", time->unconfirmed);
     }
 }
 
