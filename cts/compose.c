@@ -171,15 +171,20 @@ void gn_rays_at_scene(struct gn_case_run *run, const struct gn_cts_scene *scene,
     struct target *targets = targets_make(run, scene, &target_count);
     for (uint32_t i = 0; i < count; i++) {
         double point[3] = {0, 0, 0}, normal[3] = {0, 0, 1}, toward[3], origin[3], direction[3];
-        for (int attempt = 0; attempt < 64 && target_count > 0; attempt++) {
+        bool aimed = false;
+        for (int attempt = 0; attempt < 256 && target_count > 0 && !aimed; attempt++) {
             const struct target *target = &targets[gn_random_below(random, target_count)];
             uint32_t primitive = 0, choice = gn_random_below(random, 8);
             if (choice == 1)
                 primitive = target->primitive_count - 1;
             else if (choice > 1)
                 primitive = gn_random_below(random, target->primitive_count);
-            if (target_point(random, target, primitive, point, normal))
-                break;
+            aimed = target_point(random, target, primitive, point, normal);
+        }
+        /* Nothing that could be aimed at: what was tried last may have left no direction. */
+        for (int a = 0; a < 3 && !aimed; a++) {
+            point[a] = 0;
+            normal[a] = a == 2;
         }
         double cosine;
         do {
