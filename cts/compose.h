@@ -6,7 +6,7 @@
 #include "cts/case.h"
 #include "cts/generate.h"
 
-/* `base` times the run's scale, and at least 1. */
+/* `base`, in units that are the same for all cases, times the run's scale, and at least 1. */
 uint32_t gn_ray_count(const struct gn_case_run *run, uint32_t base);
 
 /* Replaces the translation of the transform. */
