@@ -48,6 +48,7 @@ static void trace_on_driver(struct gn_case_run *run, const struct gn_sweep_scene
 
 void gn_sweep_run(struct gn_case_run *run, const struct gn_case *self)
 {
-    run->with_tiers = true;
+    /* Once is enough: the rays are the same by every route. */
+    run->with_tiers = run->route.entry == GN_CTS_QUERY;
     gn_sweep_trace(run, self->params, trace_on_driver, NULL);
 }
