@@ -139,6 +139,13 @@ bool operands_flags(const struct module *module, const struct inst *inst, uint32
 /* The flags that have a meaning in this module. */
 uint32_t known_flags(const struct module *module);
 
+/* The descriptor that an operand (the word of the instruction) is loaded from. False when it comes by another way. */
+struct structure_operand {
+    uint32_t set, binding;
+    uint32_t index; /* id of the element's index, 0 for none */
+};
+bool structure_operand_find(const struct module *module, const struct inst *operation, uint32_t word, struct structure_operand *out);
+
 /* Decides per site and rule what is proved, wrong or to be checked. */
 void verdicts_make(struct analysis *analysis);
 
@@ -150,5 +157,8 @@ _Static_assert(GN_SPIRV_RULE_INITIALIZE_MASK_BITS - GN_SPIRV_RULE_INITIALIZE_NAN
                "the rules of a ray are the same for Initialize and traces");
 
 #define RULE_BIT(name) (UINT64_C(1) << GN_SPIRV_RULE_##name)
+
+#define RULES_OF_STRUCTURE                                                                                             \
+    (RULE_BIT(STRUCTURE_NONE) | RULE_BIT(STRUCTURE_NEVER_BUILT) | RULE_BIT(STRUCTURE_DESTROYED) | RULE_BIT(STRUCTURE_BOTTOM_LEVEL))
 
 #endif

@@ -426,17 +426,44 @@ static void gather_call(struct writer *writer, const struct site *site, struct g
     gather(writer, gathered, GN_SPIRV_RULE_CALL_RANGE, both(writer, SpvOpLogicalAnd, known, beyond));
 }
 
+/* One comparison where all is well. */
+static void gather_structure(struct writer *writer, const struct site *site, uint32_t word, uint32_t *operands, struct gathered *gathered)
+{
+    static const struct {
+        uint32_t rule, state;
+    } table[] = {{GN_SPIRV_RULE_STRUCTURE_NONE, GN_STRUCTURE_NONE},
+                 {GN_SPIRV_RULE_STRUCTURE_NEVER_BUILT, GN_STRUCTURE_NEVER_BUILT},
+                 {GN_SPIRV_RULE_STRUCTURE_DESTROYED, GN_STRUCTURE_DESTROYED},
+                 {GN_SPIRV_RULE_STRUCTURE_BOTTOM_LEVEL, GN_STRUCTURE_BOTTOM_LEVEL}};
+    uint32_t bool_ = type_bool(writer);
+    uint32_t state = structure_state(writer, &writer->module->insts[site->inst], word, operands);
+    if (!state) {
+        writer->out.failed = true; /* verdicts.c has asked the same */
+        return;
+    }
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++)
+        if (site->checked >> table[i].rule & 1)
+            gathered->conditions[table[i].rule] = COMPUTE(writer, SpvOpIEqual, bool_, state, constant_uint(writer, table[i].state));
+    either(writer, &gathered->any, COMPUTE(writer, SpvOpINotEqual, bool_, state, constant_uint(writer, GN_STRUCTURE_FINE)));
+}
+
 uint32_t checks_write(struct writer *writer, const struct site *site)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
     const uint64_t of_ray = site->checked & (RULES_OF_INITIALIZE | RULES_OF_TRACED_RAY), others = site->checked & ~of_ray;
     struct gathered gathered = {.any = 0};
+    writer->no_structure = 0;
     uint32_t state = 0, skip = of_ray ? check_ray(writer, site, of_ray) : 0;
     if (!others)
         return skip;
     switch (site->operation->kind) {
+    case OPERATION_INITIALIZE: gather_structure(writer, site, 2, gathered.operands, &gathered); break;
     case OPERATION_TRACE:
-    case OPERATION_TRACE_MOTION: gather_trace(writer, site, &gathered); break;
+    case OPERATION_TRACE_MOTION:
+        gather_trace(writer, site, &gathered);
+        if (others & RULES_OF_STRUCTURE)
+            gather_structure(writer, site, 1, gathered.operands + 6, &gathered);
+        break;
     case OPERATION_REPORT: gather_report(writer, site, &gathered); break;
     case OPERATION_CALL: gather_call(writer, site, &gathered); break;
     default:
@@ -452,5 +479,7 @@ uint32_t checks_write(struct writer *writer, const struct site *site)
         if ((others & site->wrong) >> rule & 1 && !gathered.conditions[rule])
             gather(writer, &gathered, rule, constant_plain(writer, SpvOpConstantTrue, type_bool(writer)));
     uint32_t more = leave(writer, site, others, &gathered, NULL, state);
+    if (site->operation->kind == OPERATION_INITIALIZE)
+        writer->no_structure = more;
     return skip && more ? both(writer, SpvOpLogicalOr, skip, more) : skip ? skip : more;
 }

@@ -208,13 +208,18 @@ static void write_harmless_ray(struct writer *writer, const struct inst *inst)
 }
 
 /* The operation where `skip` does not hold. Where it does, its result is 0, and a query is given a ray that hits nothing, so
- * that what follows finds it initialized. */
+ * that what follows finds it initialized; unless there is nothing to trace through. */
 static void write_unless(struct writer *writer, const struct site *site, uint32_t skip)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
     struct branch branch;
     if (site->operation->kind == OPERATION_INITIALIZE) {
-        branch_begin(writer, skip, &branch);
+        uint32_t harmless = skip, bool_ = type_bool(writer);
+        if (writer->no_structure) {
+            harmless = COMPUTE(writer, SpvOpLogicalNot, bool_, writer->no_structure);
+            harmless = COMPUTE(writer, SpvOpLogicalAnd, bool_, harmless, skip);
+        }
+        branch_begin(writer, harmless, &branch);
         write_harmless_ray(writer, inst);
         branch_end(writer, &branch);
         lines_restate(writer);
@@ -318,6 +323,7 @@ static void write_block(struct rewrite *rewrite, const struct block *block)
                 late_written = true;
             }
             uint32_t skip = 0;
+            writer->no_structure = 0;
             if (site->checked) {
                 skip = checks_write(writer, site);
                 lines_restate(writer);

@@ -253,6 +253,17 @@ static uint32_t pointer_make(struct writer *writer, uint32_t low, uint32_t high)
     return COMPUTE(writer, SpvOpBitcast, writer->buffer_pointer, address);
 }
 
+uint32_t structures_load(struct writer *writer, uint32_t id)
+{
+    uint32_t before = writer->buffer;
+    uint64_t address = writer->analysis->options->structures;
+    uint32_t low = constant_uint(writer, (uint32_t)address), high = constant_uint(writer, (uint32_t)(address >> 32));
+    writer->buffer = pointer_make(writer, low, high);
+    uint32_t state = word_load(writer, id);
+    writer->buffer = before;
+    return state;
+}
+
 /* The buffer whose header speaks of the launch, for code outside of the function that records. */
 static void launch_begin(struct writer *writer)
 {

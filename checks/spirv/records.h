@@ -39,7 +39,8 @@ enum gn_record_word {
                                instance index; zeros where the stage has none */
     GN_RECORD_OPERAND = 4,  /* Initialize and rules of a traced ray: flags, mask, origin, tmin, direction, tmax.
                                Generate: t, tmin, current t. Other rules of a trace: SBT offset, SBT stride, miss index,
-                               time, depth, greatest depth. Report: t, hit kind. Call: index, number of callables */
+                               time, depth, greatest depth; and from the seventh on, as of an Initialize from the first on, where rules of structures are
+                               among them: set, binding, index, id. Report: t, hit kind. Call: index, number of callables */
     GN_RECORD_CHECKSUM = 14,/* of the words before it, see gn_record_checksum() */
     GN_RECORD_WRITTEN = 15, /* 1, written last */
 };
@@ -62,6 +63,22 @@ enum gn_root_word {
 };
 #define GN_ROOT_HEADER 16
 #define GN_ROOT_ENTRY 4
+
+/* What acceleration structures are. A shader cannot look at one, so each descriptor set that holds any has a mirror, a storage buffer at
+ * binding GN_MIRROR_BINDING, written by whoever writes the descriptors: for each binding below GN_MIRROR_BINDINGS the word at
+ * which its entries start and how many there are, and in the entries the ids of structures. A table at an address of its own has a word
+ * for each of GN_STRUCTURES ids (enum gn_structure_state). */
+#define GN_MIRROR_BINDING 128
+#define GN_MIRROR_BINDINGS 128
+#define GN_STRUCTURES 65536u /* a power of two */
+enum gn_structure_id { GN_STRUCTURE_ID_NULL, GN_STRUCTURE_ID_UNKNOWN, GN_STRUCTURE_ID_UNWRITTEN, GN_STRUCTURE_ID_FIRST };
+enum gn_structure_state {
+    GN_STRUCTURE_NEVER_BUILT,
+    GN_STRUCTURE_FINE, /* or not known */
+    GN_STRUCTURE_DESTROYED,
+    GN_STRUCTURE_BOTTOM_LEVEL,
+    GN_STRUCTURE_NONE,
+};
 
 /* What the shadow state of a query says before the operation. 0 where the check needs no state. */
 #define GN_RECORD_STATE_INITIALIZED 1u

@@ -352,6 +352,35 @@ static const struct gn_spirv_rule rules[] = {
          .remedy = "Bind a larger table, or bound the index.",
          .sources = {"VkStridedDeviceAddressRegionKHR", "SPV_KHR_ray_tracing"},
          .severity = UNDEFINED},
+    [GN_SPIRV_RULE_STRUCTURE_NONE] =
+        {.id = "structure.none",
+         .title = "ray traced where the descriptor holds no acceleration structure",
+         .text = "A descriptor that is read has been written, and not with VK_NULL_HANDLE unless nullDescriptor is enabled; an index is "
+                 "within the binding.",
+         .remedy = "Write the descriptor before the work that reads it, or bound the index.",
+         .sources = {"VUID-vkCmdDispatch-None-08114", "VUID-VkWriteDescriptorSetAccelerationStructureKHR-pAccelerationStructures-03580"},
+         .severity = UNDEFINED},
+    [GN_SPIRV_RULE_STRUCTURE_NEVER_BUILT] =
+        {.id = "structure.never_built",
+         .title = "ray traced through an acceleration structure that nothing has built",
+         .text = "A ray is traced through what was built as a top-level acceleration structure.",
+         .remedy = "Submit the build, with a barrier after it, before the work that traces.",
+         .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359"},
+         .severity = UNDEFINED},
+    [GN_SPIRV_RULE_STRUCTURE_DESTROYED] =
+        {.id = "structure.destroyed",
+         .title = "ray traced through an acceleration structure that was destroyed",
+         .text = "What a descriptor refers to lives as long as the work that reads the descriptor.",
+         .remedy = "Keep the structure until the work is over, and write another one into the descriptor.",
+         .sources = {"VUID-vkCmdDispatch-None-08114", "VUID-vkDestroyAccelerationStructureKHR-accelerationStructure-02442"},
+         .severity = UNDEFINED},
+    [GN_SPIRV_RULE_STRUCTURE_BOTTOM_LEVEL] =
+        {.id = "structure.bottom_level",
+         .title = "ray traced through a bottom-level acceleration structure",
+         .text = "A ray is traced through what was built as a top-level acceleration structure.",
+         .remedy = "Write a TLAS that holds the BLAS into the descriptor.",
+         .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359"},
+         .severity = UNDEFINED},
 };
 
 _Static_assert(sizeof rules / sizeof rules[0] == GN_SPIRV_RULE_COUNT, "a block for every rule");

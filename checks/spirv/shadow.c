@@ -84,8 +84,14 @@ void shadow_update(struct writer *writer, const struct site *site)
     }
     const struct root *group = &writer->analysis->roots[writer->analysis->roots[site->root].group];
     if (site->operation->kind == OPERATION_INITIALIZE) {
-        if (group->needs_state)
-            state_store(writer, query, constant_uint(writer, INITIALIZED));
+        if (group->needs_state) {
+            uint32_t state = constant_uint(writer, INITIALIZED);
+            if (writer->no_structure) {
+                uint32_t none = constant_uint(writer, 0);
+                state = COMPUTE(writer, SpvOpSelect, uint_, writer->no_structure, none, state);
+            }
+            state_store(writer, query, state);
+        }
         if (group->needs_tmax) {
             uint32_t pointer = shadow_pointer(writer, query, true, NULL);
             EMIT(&writer->out, SpvOpStore, pointer, inst_word(writer->module, inst, 8));

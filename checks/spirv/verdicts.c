@@ -57,20 +57,31 @@ static uint32_t breaches_of(const struct site *site, struct breach out[4])
     return count;
 }
 
+static uint64_t rules_of_structure(const struct analysis *analysis, const struct site *site)
+{
+    struct structure_operand operand;
+    enum operation_kind kind = site->operation->kind;
+    uint32_t word = kind == OPERATION_INITIALIZE ? 2 : kind == OPERATION_TRACE || kind == OPERATION_TRACE_MOTION ? 1 : 0;
+    if (!word || !analysis->options->structures || !analysis->options->root ||
+        !structure_operand_find(analysis->module, &analysis->module->insts[site->inst], word, &operand))
+        return 0;
+    return RULES_OF_STRUCTURE;
+}
+
 /* The rules that the operation's operands, or the pipeline it is in, may break. */
 static uint64_t rules_of_operands(const struct analysis *analysis, const struct site *site)
 {
     const struct gn_spirv_options *options = analysis->options;
     const uint64_t ray = ((UINT64_C(1) << RULES_OF_RAY) - 1) << GN_SPIRV_RULE_INITIALIZE_NAN;
-    uint64_t rules;
+    uint64_t rules, of_structure = rules_of_structure(analysis, site);
     switch (site->operation->kind) {
-    case OPERATION_INITIALIZE: return ray;
+    case OPERATION_INITIALIZE: return ray | of_structure;
     case OPERATION_PROCEED: return options->proceed_limit ? RULE_BIT(PROCEED_LIMIT) : 0;
     case OPERATION_GENERATE: return RULE_BIT(GENERATE_RANGE);
     case OPERATION_TRACE:
     case OPERATION_TRACE_MOTION:
         rules = ray << RULES_OF_RAY_TO_TRACE | RULE_BIT(TRACE_SBT_OFFSET_BITS) | RULE_BIT(TRACE_SBT_STRIDE_BITS) |
-                RULE_BIT(TRACE_MISS_BITS);
+                RULE_BIT(TRACE_MISS_BITS) | of_structure;
         if (site->operation->kind == OPERATION_TRACE_MOTION)
             rules |= RULE_BIT(TRACE_TIME);
         if (options->forbidden_ray_flags)

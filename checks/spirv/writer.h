@@ -45,6 +45,11 @@ struct writer {
     uint32_t invocation_kind; /* which built-ins say which invocation it is, see recorder.c */
     uint32_t invocation[2];   /* built-in variables */
     uint32_t depth_word;      /* of the trace being written: where its depth is counted */
+    struct {
+        uint32_t set, id;
+    } mirrors[32];             /* variables of the mirrors of descriptor sets */
+    uint32_t mirror_count, mirror_pointer;
+    uint32_t no_structure;    /* of the site being written: whether it has to do without its structure; 0 if nobody asks */
     uint32_t *state_of, *tmax_of; /* per root: the shadow variable or parameter, or 0 */
 };
 
@@ -96,6 +101,11 @@ uint32_t launch_callables(struct writer *writer);
  * the trace may come between entering and leaving. */
 uint32_t launch_depth_enter(struct writer *writer);
 void launch_depth_leave(struct writer *writer);
+
+/* The state of the structure that the operand is loaded from, and what a record says of it; 0 where it cannot be told. */
+uint32_t structure_state(struct writer *writer, const struct inst *operation, uint32_t word, uint32_t out_operands[4]);
+/* The word of the table of structures. */
+uint32_t structures_load(struct writer *writer, uint32_t id);
 
 /* The checks of a site, before its instruction. Returns a bool, whether the instruction has to be skipped; 0 if it never has. */
 uint32_t checks_write(struct writer *writer, const struct site *site);

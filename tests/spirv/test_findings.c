@@ -54,6 +54,7 @@ static void what_is_written_is_valid(void **state)
                                                          .set = 7,
                                                          .binding = 3,
                                                          .root = address ? UINT64_C(0x4700001000) : 0,
+                                                         .structures = address ? UINT64_C(0x4700100000) : 0,
                                                          .key = UINT64_C(0x123456789ABCDEF1),
                                                          .safe = way & 4,
                                                          .proceed_limit = all ? 3 : 0,
