@@ -98,7 +98,10 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorSetLayout(VkDevice handl
                                                                   VkDescriptorSetLayout *out)
 {
     struct gn_device *device = gn_device_of(handle);
-    VkResult result = device->next.CreateDescriptorSetLayout(handle, info, allocator, out);
+    struct gn_mirror_plan plan;
+    bool mirrored = gn_mirror_plan_make(device, info, &plan);
+    VkResult result = device->next.CreateDescriptorSetLayout(handle, mirrored ? &plan.info : info, allocator, out);
+    gn_mirror_plan_finish(&plan);
     uint32_t count = 0;
     for (uint32_t i = 0; i < info->bindingCount; i++)
         count += info->pBindings[i].descriptorType == STRUCTURE;
@@ -109,7 +112,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorSetLayout(VkDevice handl
     struct gn_set_layout *layout = malloc(sizeof *layout + count * sizeof layout->bindings[0]);
     gn_lock(device);
     if (layout) {
-        *layout = (struct gn_set_layout){.references = 1};
+        *layout = (struct gn_set_layout){.references = 1, .mirrored = mirrored};
         for (uint32_t i = 0; i < info->bindingCount; i++)
             if (info->pBindings[i].descriptorType == STRUCTURE)
                 layout->bindings[layout->count++] = (struct gn_as_binding){
@@ -176,6 +179,54 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyPipelineLayout(VkDevice handle, VkPip
     device->next.DestroyPipelineLayout(handle, layout, allocator);
 }
 
+bool gn_layout_mirrored(struct gn_device *device, VkPipelineLayout handle)
+{
+    bool any = false, all = true;
+    gn_lock(device);
+    const struct gn_pipeline_layout *layout = gn_map_get(&device->pipeline_layouts, (uint64_t)handle);
+    for (uint32_t i = 0; layout && i < layout->count; i++)
+        if (layout->sets[i]) {
+            any = true;
+            all &= layout->sets[i]->mirrored;
+        }
+    gn_unlock(device);
+    return any && all;
+}
+
+bool gn_set_layouts_mirrored(struct gn_device *device, uint32_t count, const VkDescriptorSetLayout *layouts)
+{
+    bool any = false, all = true;
+    gn_lock(device);
+    for (uint32_t i = 0; i < count; i++) {
+        const struct gn_set_layout *layout = gn_map_get(&device->set_layouts, (uint64_t)layouts[i]);
+        any |= layout != NULL;
+        all &= !layout || layout->mirrored;
+    }
+    gn_unlock(device);
+    return any && all;
+}
+
+/* The mirror of a set takes a storage buffer. */
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorPool(VkDevice handle, const VkDescriptorPoolCreateInfo *info,
+                                                             const VkAllocationCallbacks *allocator, VkDescriptorPool *out)
+{
+    struct gn_device *device = gn_device_of(handle);
+    VkDescriptorPoolCreateInfo changed = *info;
+    VkDescriptorPoolSize *sizes = NULL;
+    bool holds = false;
+    for (uint32_t i = 0; i < info->poolSizeCount; i++)
+        holds |= info->pPoolSizes[i].type == STRUCTURE || info->pPoolSizes[i].type == VK_DESCRIPTOR_TYPE_MUTABLE_EXT;
+    if (holds && device->shaders && (sizes = malloc((info->poolSizeCount + (size_t)1) * sizeof *sizes))) {
+        memcpy(sizes, info->pPoolSizes, info->poolSizeCount * sizeof *sizes);
+        sizes[info->poolSizeCount] = (VkDescriptorPoolSize){VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, info->maxSets};
+        changed.pPoolSizes = sizes;
+        changed.poolSizeCount = info->poolSizeCount + 1;
+    }
+    VkResult result = device->next.CreateDescriptorPool(handle, &changed, allocator, out);
+    free(sizes);
+    return result;
+}
+
 /* Sets of a pool are in a list that hangs off the pool's handle. */
 static void pool_add(struct gn_device *device, struct gn_set *set)
 {
@@ -190,6 +241,7 @@ static void pool_clear(struct gn_device *device, VkDescriptorPool pool)
     for (struct gn_set *next; set; set = next) {
         next = set->next;
         gn_map_take(&device->sets, (uint64_t)set->handle);
+        gn_mirror_detach(device, set);
         gn_set_release(set);
     }
 }
@@ -213,6 +265,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_AllocateDescriptorSets(VkDevice handle, 
             gn_set_release(set);
             gn_tally_lost(device);
         } else if (set) {
+            gn_mirror_attach(device, set);
             pool_add(device, set);
         }
     }
@@ -238,6 +291,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_FreeDescriptorSets(VkDevice handle, VkDe
             for (; head; head = head->next)
                 if (head->next == set)
                     head->next = set->next;
+        gn_mirror_detach(device, set);
         gn_set_release(set);
     }
     gn_unlock(device);
@@ -289,6 +343,7 @@ static void write_slots(struct gn_device *device, struct gn_set *set, uint32_t b
         }
         VkAccelerationStructureKHR structure;
         memcpy(&structure, data + i * stride, sizeof structure);
+        gn_mirror_write(set, binding, element, structure, gn_as_get(device, structure));
         if (element == 0)
             set_slot(set, binding, gn_as_get(device, structure));
     }
@@ -330,6 +385,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_UpdateDescriptorSets(VkDevice handle, uint32
         const VkCopyDescriptorSet *copy = &copies[i];
         struct gn_set *from = gn_map_get(&device->sets, (uint64_t)copy->srcSet);
         struct gn_set *to = gn_map_get(&device->sets, (uint64_t)copy->dstSet);
+        gn_mirror_copy(from, to, copy);
         if (to && copy->descriptorCount && !copy->dstArrayElement)
             set_slot(to, copy->dstBinding, copy->srcArrayElement ? NULL : slot_of(from, copy->srcBinding));
     }

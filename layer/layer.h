@@ -188,6 +188,7 @@ struct gn_as {
     bool generic;
     uint8_t levels;                    /* GN_LEVEL_*: of which levels it may be */
     uint64_t mark;                     /* the position of the command last judged that writes it beside a TLAS */
+    uint32_t table_id;                 /* in the table that shaders look at (mirror.c) */
     bool shared;                       /* its memory may be written under another name: nothing is known for sure */
     VkDeviceSize size;                 /* as it was created */
     /* What it holds, as of what was replayed last; with several writers in no known order, gn_as_sure is false. */

@@ -16,6 +16,12 @@ struct gn_deferred {
 struct change {
     struct gn_device *device;
     struct gn_deferred *memory;
+    struct temporary *modules; /* that live as long as the memory */
+};
+
+struct temporary {
+    VkShaderModule module;
+    struct temporary *next;
 };
 
 static void *change_alloc(struct change *change, size_t count, size_t size)
@@ -36,18 +42,30 @@ static void deferred_free(struct gn_deferred *memory)
     }
 }
 
+static void temporaries_destroy(struct gn_device *device, struct temporary *temporary)
+{
+    for (; temporary; temporary = temporary->next)
+        device->next.DestroyShaderModule(device->handle, temporary->module, NULL);
+}
+
 static void change_finish(struct change *change, bool deferred)
 {
+    struct gn_device *device = change->device;
     if (!deferred || !change->memory) {
+        temporaries_destroy(device, change->modules);
         deferred_free(change->memory);
         return;
     }
-    gn_lock(change->device);
-    struct gn_deferred **end = &change->device->shaders->deferred;
+    gn_lock(device);
+    struct gn_deferred **end = &device->shaders->deferred;
+    struct temporary **last = &device->shaders->deferred_modules;
     while (*end)
         end = &(*end)->next;
+    while (*last)
+        last = &(*last)->next;
     *end = change->memory;
-    gn_unlock(change->device);
+    *last = change->modules;
+    gn_unlock(device);
 }
 
 /* Shader objects and pipelines share a map. */
@@ -58,35 +76,34 @@ static uint64_t map_key(uint64_t handle, bool is_object)
 
 /* Modules */
 
+static void module_free(struct gn_module *module)
+{
+    if (!module)
+        return;
+    free(module->name);
+    free(module->words);
+    free(module);
+}
+
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShaderModule(VkDevice handle, const VkShaderModuleCreateInfo *info,
                                                            const VkAllocationCallbacks *allocator, VkShaderModule *out)
 {
     struct gn_device *device = gn_device_of(handle);
-    struct gn_shader *shader = gn_shader_of(device, info->pCode, info->codeSize);
-    VkShaderModuleCreateInfo changed = *info;
-    if (shader && shader->result.words) {
-        changed.pCode = shader->result.words;
-        changed.codeSize = shader->result.word_count * 4;
-    }
-    VkResult result = device->next.CreateShaderModule(handle, &changed, allocator, out);
+    VkResult result = device->next.CreateShaderModule(handle, info, allocator, out);
+    struct gn_shader *shader = result == VK_SUCCESS ? gn_shader_of(device, info->pCode, info->codeSize, GN_SHADER_JUDGED, NULL) : NULL;
     if (result == VK_SUCCESS)
         gn_uses_module_created(device, *out, info);
     struct gn_module *module = result == VK_SUCCESS && shader ? calloc(1, sizeof *module) : NULL;
     if (!module)
         return result;
-    *module = (struct gn_module){.handle = *out, .shader = shader};
+    *module = (struct gn_module){.handle = *out, .shader = shader, .words = malloc(info->codeSize), .bytes = info->codeSize};
+    if (module->words)
+        memcpy(module->words, info->pCode, info->codeSize);
     gn_lock(device);
     if (!gn_map_put(&device->shaders->modules, (uint64_t)*out, module))
-        free(module);
+        module_free(module);
     gn_unlock(device);
     return result;
-}
-
-static void module_free(struct gn_module *module)
-{
-    if (module)
-        free(module->name);
-    free(module);
 }
 
 VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyShaderModule(VkDevice handle, VkShaderModule module,
@@ -105,8 +122,37 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyShaderModule(VkDevice handle, VkShade
 
 /* Stages */
 
+static enum gn_shader_way way_of(bool mirrored)
+{
+    return mirrored ? GN_SHADER_MIRRORED : GN_SHADER_INSTRUMENTED;
+}
+
+/* Another module in the place of the application's, which was made before anything was known of the sets that it will read. */
+static void stage_replace(struct change *change, const struct gn_module *module, bool mirrored,
+                          VkPipelineShaderStageCreateInfo *stage, struct gn_stage *out, bool *out_changed)
+{
+    struct gn_device *device = change->device;
+    struct gn_shader *shader = gn_shader_of(device, module->words, module->bytes, way_of(mirrored), module->shader);
+    if (!shader || !shader->result.words)
+        return;
+    VkShaderModuleCreateInfo info = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
+                                     .codeSize = shader->result.word_count * 4,
+                                     .pCode = shader->result.words};
+    struct temporary *temporary = change_alloc(change, 1, sizeof *temporary);
+    if (!temporary || device->next.CreateShaderModule(device->handle, &info, NULL, &temporary->module) != VK_SUCCESS)
+        return;
+    temporary->next = change->modules;
+    change->modules = temporary;
+    stage->module = temporary->module;
+    gn_lock(device);
+    out->shader->stated = true; /* the other one is, in its place */
+    gn_unlock(device);
+    out->shader = shader;
+    *out_changed = true;
+}
+
 /* What the stage runs. Where the stage has a module of its own that has to be another one, `stage` is changed. */
-static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCreateInfo *stage, bool *out_changed)
+static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCreateInfo *stage, bool mirrored, bool *out_changed)
 {
     struct gn_device *device = change->device;
     struct gn_stage out = {.stage = stage->stage};
@@ -118,6 +164,8 @@ static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCr
             out.module_name = module->name ? strdup(module->name) : NULL;
         }
         gn_unlock(device);
+        if (module && module->words && !device->shaders->options.static_only)
+            stage_replace(change, module, mirrored, stage, &out, out_changed);
         return out;
     }
     const VkShaderModuleCreateInfo *own = gn_chain_find(stage->pNext, VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
@@ -125,7 +173,7 @@ static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCr
         gn_tally_unjudged(device, GN_UNJUDGED_shader_identifiers, 1);
         return out;
     }
-    out.shader = gn_shader_of(device, own->pCode, own->codeSize);
+    out.shader = gn_shader_of(device, own->pCode, own->codeSize, way_of(mirrored), NULL);
     if (!out.shader || !out.shader->result.words)
         return out;
     struct gn_chain_copy *storage = change_alloc(change, 1, sizeof *storage);
@@ -150,9 +198,10 @@ struct plan {
     const VkPipelineLibraryCreateInfoKHR *libraries;
 };
 
-static bool plan_make(struct change *change, struct plan *plan, uint32_t count, const VkPipelineShaderStageCreateInfo *stages)
+static bool plan_make(struct change *change, struct plan *plan, VkPipelineLayout layout, uint32_t count,
+                      const VkPipelineShaderStageCreateInfo *stages)
 {
-    bool any = false;
+    bool any = false, mirrored = gn_layout_mirrored(change->device, layout);
     plan->create = stages;
     VkPipelineShaderStageCreateInfo *copies = change_alloc(change, count, sizeof *copies);
     plan->stages = change_alloc(change, count, sizeof *plan->stages);
@@ -161,7 +210,7 @@ static bool plan_make(struct change *change, struct plan *plan, uint32_t count, 
     plan->count = count;
     for (uint32_t i = 0; i < count; i++) {
         copies[i] = stages[i];
-        plan->stages[i] = stage_look(change, &copies[i], &any);
+        plan->stages[i] = stage_look(change, &copies[i], mirrored, &any);
     }
     if (any)
         plan->create = copies;
@@ -246,7 +295,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, 
     for (uint32_t i = 0; plans && copies && i < count; i++) {
         look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
-        if (plan_make(&change, &plans[i], 1, &infos[i].stage)) {
+        if (plan_make(&change, &plans[i], infos[i].layout, 1, &infos[i].stage)) {
             copies[i].stage = *plans[i].create;
             any = true;
         }
@@ -278,7 +327,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle,
         look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
         plans[i].libraries = gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_PIPELINE_LIBRARY_CREATE_INFO_KHR);
-        if (has_stages && infos[i].pStages && plan_make(&change, &plans[i], infos[i].stageCount, infos[i].pStages)) {
+        if (has_stages && infos[i].pStages && plan_make(&change, &plans[i], infos[i].layout, infos[i].stageCount, infos[i].pStages)) {
             copies[i].pStages = plans[i].create;
             any = true;
         }
@@ -306,7 +355,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice ha
         look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
         plans[i].libraries = infos[i].pLibraryInfo;
-        if (infos[i].pStages && plan_make(&change, &plans[i], infos[i].stageCount, infos[i].pStages)) {
+        if (infos[i].pStages && plan_make(&change, &plans[i], infos[i].layout, infos[i].stageCount, infos[i].pStages)) {
             copies[i].pStages = plans[i].create;
             any = true;
         }
@@ -359,7 +408,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShadersEXT(VkDevice handle, uint32
             gn_tally_unjudged(device, GN_UNJUDGED_shader_binaries, 1);
             continue;
         }
-        stages[i].shader = gn_shader_of(device, infos[i].pCode, infos[i].codeSize);
+        stages[i].shader = gn_shader_of(device, infos[i].pCode, infos[i].codeSize,
+                                        way_of(gn_set_layouts_mirrored(device, infos[i].setLayoutCount, infos[i].pSetLayouts)), NULL);
         if (stages[i].shader && stages[i].shader->result.words) {
             copies[i].pCode = stages[i].shader->result.words;
             copies[i].codeSize = stages[i].shader->result.word_count * 4;
@@ -415,6 +465,8 @@ void gn_pipelines_finish(struct gn_device *device)
         module_free(module);
     gn_map_finish(&shaders->pipelines);
     gn_map_finish(&shaders->modules);
+    temporaries_destroy(device, shaders->deferred_modules);
     deferred_free(shaders->deferred);
     shaders->deferred = NULL;
+    shaders->deferred_modules = NULL;
 }

@@ -9,6 +9,9 @@
 #define XXH_INLINE_ALL
 #include <xxhash.h>
 
+/* A device with fewer has none to spare. */
+#define PLENTY_OF_BUFFERS 4096u
+
 bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish)
 {
     const struct gn_settings *settings = &device->instance->settings;
@@ -29,6 +32,12 @@ bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish
     shaders->vertex_stores = wish->vertex_stores;
     shaders->fragment_stores = wish->fragment_stores;
     shaders->host_memory = wish->host_memory;
+    shaders->null_descriptors = wish->null_descriptors;
+    VkPhysicalDeviceProperties properties;
+    device->instance->next.GetPhysicalDeviceProperties(device->physical, &properties);
+    shaders->spare_buffers = properties.limits.maxPerStageDescriptorStorageBuffers >= PLENTY_OF_BUFFERS &&
+                             properties.limits.maxDescriptorSetStorageBuffers >= PLENTY_OF_BUFFERS;
+    shaders->next_structure = GN_STRUCTURE_ID_FIRST;
     shaders->no_records = !wish->addresses ? "the device has no buffer device addresses, or was created without them in a way "
                                              "that the layer cannot change"
                           : !device->copies && device->no_copies_because == GN_UNJUDGED_device_groups
@@ -60,6 +69,7 @@ void gn_shaders_finish(struct gn_device *device)
     for (size_t cursor = 0; (shader = gn_map_next(&shaders->shaders, &cursor));)
         shader_free(shader);
     gn_map_finish(&shaders->shaders);
+    gn_mirrors_finish(device);
     gn_record_memory_finish(device);
     device->shaders = NULL;
     gn_unlock(device);
@@ -90,7 +100,8 @@ static const char *stage_problem(const struct gn_shaders *shaders, const uint32_
     return problem;
 }
 
-static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, const uint32_t *words, size_t count)
+static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, const uint32_t *words, size_t count,
+                                     enum gn_shader_way way, const struct gn_shader *judged)
 {
     struct gn_shader *shader = calloc(1, sizeof *shader);
     if (!shader)
@@ -99,15 +110,18 @@ static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, con
     if (!device->shaders->options.static_only)
         gn_record_memory_begin(device);
     struct gn_spirv_options options = device->shaders->options;
+    options.structures = way == GN_SHADER_MIRRORED ? device->shaders->structures_address : 0;
     shader->passed_because = device->shaders->no_records;
     gn_unlock(device);
     const char *problem = stage_problem(device->shaders, words, count, &shader->model);
     if (problem)
         shader->passed_because = problem;
-    options.static_only |= shader->passed_because != NULL;
+    options.static_only |= shader->passed_because != NULL || way == GN_SHADER_JUDGED;
+    options.without_validation = judged && judged->result.status != GN_SPIRV_INVALID;
+    shader->judged = judged;
     options.key = shader->key = key;
-    const char *folder = device->shaders->stable ? device->instance->settings.shader_cache : NULL;
-    uint64_t entry = XXH3_64bits_withSeed(words, count * 4, device->shaders->seed ^ options.root ^ options.static_only);
+    const char *folder = device->shaders->stable && way != GN_SHADER_JUDGED ? device->instance->settings.shader_cache : NULL;
+    uint64_t entry = XXH3_64bits_withSeed(words, count * 4, device->shaders->seed ^ options.root ^ options.structures ^ options.static_only);
     if (folder && gn_shader_cache_load(folder, entry, &shader->result)) {
         gn_tally_check(device, GN_CHECKED_shader_cache, 1);
     } else {
@@ -139,19 +153,20 @@ static void tally(struct gn_device *device, const struct gn_shader *shader)
     gn_tally_check(device, GN_CHECKED_shader_proofs, proved);
 }
 
-struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes)
+struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes, enum gn_shader_way way,
+                               struct gn_shader *judged)
 {
     struct gn_shaders *shaders = device->shaders;
     if (!shaders || !words || bytes % 4 || !gn_spirv_has_queries(words, bytes / 4))
         return NULL;
-    uint64_t key = XXH3_64bits_withSeed(words, bytes, shaders->seed);
+    uint64_t key = XXH3_64bits_withSeed(words, bytes, shaders->seed + way);
     key += !key;
     gn_lock(device);
     struct gn_shader *shader = gn_map_get(&shaders->shaders, key);
     gn_unlock(device);
     if (shader)
         return shader;
-    struct gn_shader *made = shader_make(device, key, words, bytes / 4);
+    struct gn_shader *made = shader_make(device, key, words, bytes / 4, way, judged);
     if (!made) {
         gn_tally_unjudged(device, GN_UNJUDGED_shaders_passed, 1);
         return NULL;
@@ -177,7 +192,9 @@ struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, 
         gn_tally_unjudged(device, GN_UNJUDGED_shaders_passed, 1);
         return NULL;
     }
-    tally(device, made);
-    gn_shader_tell_static(device, made);
+    if (!judged) {
+        tally(device, made);
+        gn_shader_tell_static(device, made);
+    }
     return made;
 }

@@ -11,7 +11,7 @@
 /* A change of what the application asks for when it creates a device. Lives as long as the call. */
 struct gn_device_wish {
     VkDeviceCreateInfo info; /* what to create the device with */
-    bool addresses, vertex_stores, fragment_stores, host_memory; /* what the device will have */
+    bool addresses, vertex_stores, fragment_stores, host_memory, null_descriptors; /* what the device will have */
     const char **extensions;
     VkPhysicalDeviceFeatures features;
     VkPhysicalDeviceBufferDeviceAddressFeatures address_features;
@@ -39,6 +39,7 @@ struct gn_shader {
     uint64_t key;
     struct gn_spirv_result result; /* with the new words, if there are any */
     const char *passed_because;    /* why the device could not take the instrumented words; NULL: it could */
+    const struct gn_shader *judged;/* the shader of the module that it was made for; NULL: of none */
     uint32_t model;                /* execution model of the first entry point */
     uint32_t *records;             /* its record buffer as the host sees it; NULL if there are no checks */
     size_t record_words;
@@ -51,6 +52,7 @@ struct gn_shaders {
     struct gn_spirv_options options;
     uint64_t seed;          /* of keys: the options */
     bool vertex_stores, fragment_stores, host_memory, stable;
+    bool null_descriptors, spare_buffers;
     const char *no_records; /* why nothing can be recorded on this device; NULL: it can */
     struct gn_map shaders;  /* by key */
     struct gn_map modules;  /* struct gn_module by handle: those with queries or traces */
@@ -59,13 +61,20 @@ struct gn_shaders {
     uint32_t *_Atomic root;
     atomic_uint fired;      /* of the table, when records were last read */
     atomic_bool again;      /* read once more, whatever the table says */
-    struct gn_deferred *deferred;
+    struct gn_deferred *deferred; /* what a deferred operation may still read */
+    struct temporary *deferred_modules;
+    uint32_t *structures;   /* the table of structures (mirror.c); NULL: none */
+    uint64_t structures_address;
+    uint32_t next_structure;
+    struct gn_mirror *idle_mirrors, *no_mirror;
 };
 
 struct gn_module {
     VkShaderModule handle;
     struct gn_shader *shader;
     char *name;
+    uint32_t *words; /* as the application gave them */
+    size_t bytes;
 };
 
 struct gn_stage {
@@ -85,8 +94,15 @@ struct gn_pipeline {
 /* shader.c; without any lock. */
 bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish);
 void gn_shaders_finish(struct gn_device *device);
-/* The shader of these words, instrumented if that is called for; NULL for one that the layer leaves alone. */
-struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes);
+/* The shader of these words, looked at in one of these ways; NULL for one that the layer leaves alone. */
+enum gn_shader_way {
+    GN_SHADER_JUDGED,       /* not instrumented: nothing is known yet of the pipeline that it is for */
+    GN_SHADER_INSTRUMENTED, /* if that is called for */
+    GN_SHADER_MIRRORED,     /* the same, where the sets that it reads structures from have mirrors */
+};
+/* `judged`: the same words as they were judged before, so that nothing is told twice; NULL if they were not. */
+struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes, enum gn_shader_way way,
+                               struct gn_shader *judged);
 
 /* cache.c: what was made of the words and options that `entry` stands for. A file that cannot be read or written is not there. */
 bool gn_shader_cache_load(const char *folder, uint64_t entry, struct gn_spirv_result *out);
@@ -100,7 +116,18 @@ char **gn_pipeline_name(struct gn_device *device, VkObjectType type, uint64_t ha
 bool gn_record_memory_begin(struct gn_device *device);
 /* A record buffer for the shader, entered into the table. */
 bool gn_record_memory_take(struct gn_device *device, struct gn_shader *shader);
+/* Words for anything else, and the piece that they are in; NULL without memory. */
+struct gn_record_memory *gn_record_memory_words(struct gn_device *device, size_t words, size_t alignment, uint32_t **out);
 void gn_record_memory_finish(struct gn_device *device);
+
+/* mirror.c; with the device locked. */
+void gn_mirrors_begin(struct gn_device *device);
+void gn_mirrors_finish(struct gn_device *device);
+/* A new structure, and any change of one: what the table says of it. */
+void gn_structure_enter(struct gn_device *device, struct gn_as *as);
+void gn_structure_tell(struct gn_device *device, const struct gn_as *as);
+/* NULL when it is not remembered. */
+const struct gn_as *gn_structure_by_id(struct gn_device *device, uint32_t id);
 
 /* shader_report.c */
 /* Tells what the device has recorded since the last time; cheap if that is nothing. `lost`: the device was, and nothing is certain of it.

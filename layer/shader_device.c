@@ -117,6 +117,9 @@ void gn_device_wish_init(struct gn_device_wish *wish, struct gn_instance *instan
     VkPhysicalDeviceBufferDeviceAddressFeatures addresses = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_BUFFER_DEVICE_ADDRESS_FEATURES};
     VkPhysicalDeviceFeatures2 supported = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_FEATURES_2, .pNext = &addresses};
+    const VkPhysicalDeviceRobustness2FeaturesEXT *robustness =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ROBUSTNESS_2_FEATURES_EXT);
+    wish->null_descriptors = robustness && robustness->nullDescriptor;
     if (!instance->next.GetPhysicalDeviceFeatures2)
         return;
     instance->next.GetPhysicalDeviceFeatures2(physical, &supported);

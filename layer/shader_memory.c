@@ -145,25 +145,37 @@ bool gn_record_memory_begin(struct gn_device *device)
     gn_root_reset(shaders->memory->words, TABLE_CAPACITY);
     atomic_store(&shaders->root, shaders->memory->words);
     shaders->options.root = shaders->memory->address;
+    gn_mirrors_begin(device);
     return true;
+}
+
+struct gn_record_memory *gn_record_memory_words(struct gn_device *device, size_t words, size_t alignment, uint32_t **out)
+{
+    struct gn_record_memory *memory = device->shaders->memory;
+    size_t start = memory ? (memory->used + alignment - 1) / alignment * alignment : 0;
+    if (!memory || start > memory->word_count || memory->word_count - start < words) {
+        size_t bytes = words * 4 > PIECE_BYTES ? (words * 4 + 4095) & ~(size_t)4095 : PIECE_BYTES;
+        if (!memory_add(device, bytes))
+            return NULL;
+        memory = device->shaders->memory;
+        start = 0;
+    }
+    memory->used = start + words;
+    *out = memory->words + start;
+    return memory;
 }
 
 bool gn_record_memory_take(struct gn_device *device, struct gn_shader *shader)
 {
-    struct gn_shaders *shaders = device->shaders;
-    size_t words = (gn_records_word_count(shader->result.check_count) + 15u) & ~(size_t)15;
-    if (!words || (shaders->memory->word_count - shaders->memory->used < words &&
-                   !memory_add(device, words * 4 > PIECE_BYTES ? (words * 4 + 4095) & ~(size_t)4095 : PIECE_BYTES)))
+    uint32_t *records, words = gn_records_word_count(shader->result.check_count);
+    struct gn_record_memory *memory = words ? gn_record_memory_words(device, words, 4, &records) : NULL;
+    if (!memory)
         return false;
-    struct gn_record_memory *memory = shaders->memory;
-    shader->records = memory->words + memory->used;
+    gn_records_reset(records, shader->result.check_count);
+    if (!gn_root_enter(atomic_load(&device->shaders->root), shader->key, memory->address + (uint64_t)(records - memory->words) * 4))
+        return false;
+    shader->records = records;
     shader->record_words = words;
-    gn_records_reset(shader->records, shader->result.check_count);
-    if (!gn_root_enter(atomic_load(&shaders->root), shader->key, memory->address + memory->used * 4)) {
-        shader->records = NULL;
-        return false;
-    }
-    memory->used += words;
     return true;
 }
 

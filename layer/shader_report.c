@@ -11,6 +11,8 @@
 /* Entries of the closing statement; an application may create any number of pipelines. */
 #define MAX_STATED 4096u
 
+#define OF_STRUCTURES (~UINT64_C(0) << GN_SPIRV_RULE_STRUCTURE_NONE)
+
 static struct gn_rule rules[GN_SPIRV_RULE_COUNT];
 static pthread_once_t rules_once = PTHREAD_ONCE_INIT;
 
@@ -44,7 +46,7 @@ static uint32_t find_objects(struct gn_device *device, const struct gn_shader *s
                 break;
             }
     for (size_t cursor = 0; count < room && (module = gn_map_next(&device->shaders->modules, &cursor));)
-        if (module->shader == shader)
+        if (module->shader == shader || module->shader == shader->judged)
             out[count++] = (struct gn_object){GN_OBJECT_SHADER_MODULE, (uint64_t)module->handle, module->name};
     return count;
 }
@@ -134,6 +136,17 @@ static void tell(struct gn_device *device, const struct gn_shader *shader, uint3
     gn_report_found(device->instance, &finding, site_key(shader, site, rule, ran), times, out);
 }
 
+/* The structure that a record speaks of; with the device locked. */
+static void add_structure(struct gn_device *device, struct gn_text *text, const uint32_t operands[4])
+{
+    const struct gn_as *as = gn_structure_by_id(device, operands[3]);
+    char name[256];
+    struct gn_object object = {as ? as->kind : GN_OBJECT_NONE, as ? (uint64_t)as->handle : 0, as ? as->name : NULL};
+    gn_text_add(text, ", set %u, binding %u, element %u", operands[0], operands[1], operands[2]);
+    if (as)
+        gn_text_add(text, ": %s", gn_object_describe(&object, name, sizeof name));
+}
+
 /* With the device locked. */
 static void tell_check(struct gn_device *device, struct gn_shader *shader, uint32_t check, const struct gn_records_check *found,
                        bool lost, struct gn_findings *out)
@@ -157,7 +170,10 @@ static void tell_check(struct gn_device *device, struct gn_shader *shader, uint3
             continue;
         gn_text_add(&text, "%sFirst in ", site->place.source ? "\n" : " ");
         add_invocation(&text, shader->model, found->records[r].invocation);
-        add_operands(&text, site->operation, found->records[r].operands);
+        if (UINT64_C(1) << rule & OF_STRUCTURES)
+            add_structure(device, &text, found->records[r].operands + (strstr(site->operation, "Initialize") ? 0 : 6));
+        else
+            add_operands(&text, site->operation, found->records[r].operands);
         gn_text_add(&text, ".");
         break;
     }

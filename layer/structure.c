@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Acceleration structures: their life, their addresses, when they were built; and the commands that run on the host. */
-#include "layer/layer.h"
+#include "layer/shader.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -47,6 +47,7 @@ void gn_as_written(struct gn_device *device, struct gn_as *as, uint32_t queue, u
     }
     as->built = grown;
     grown[as->built_count++] = (struct gn_built_on){queue, position, position};
+    gn_structure_tell(device, as);
 }
 
 void gn_as_holds(struct gn_as *as, enum gn_made made, bool compacted, struct gn_build_shape *shape)
@@ -170,6 +171,8 @@ static void learn_address(struct gn_device *device, struct gn_as *as, uint64_t a
     for (struct gn_as *other = as->same_address; other; other = other->same_address)
         if (!other->destroyed_at)
             as->shared = other->shared = true;
+    for (struct gn_as *other = as; other; other = other->same_address)
+        gn_structure_tell(device, other);
     if (gn_map_put(&device->addresses, address, as)) {
         as->address = address;
         device->addressless--;
@@ -261,6 +264,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateAccelerationStructureKHR(VkDevice 
         gn_tally_lost(device);
     }
     device->addressless += as != NULL;
+    if (as)
+        gn_structure_enter(device, as);
     /* The address is asked at once where that is allowed: an application may have kept it from an earlier structure
      * in the same place and never ask. */
     struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)info->buffer);
@@ -307,6 +312,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyAccelerationStructureKHR(VkDevice han
             *grave = gn_as_keep(as);
             device->addressless -= !as->address;
             as->destroyed_at = ++device->position;
+            gn_structure_tell(device, as);
             gn_buffer_lets_go(as);
             if (as->writes && as->levels != GN_LEVEL_TOP)
                 gn_change_add(device, as, GN_CHANGE_DESTROYED, GN_QUEUE_HOST, as->destroyed_at);

@@ -44,6 +44,7 @@ struct gn_as_binding {
 };
 struct gn_set_layout {
     uint32_t references;
+    bool mirrored; /* it has the binding of a mirror (mirror.c) */
     uint32_t count;
     struct gn_as_binding bindings[];
 };
@@ -55,9 +56,28 @@ struct gn_set {
     uint32_t references;
     struct gn_set_layout *layout;
     struct gn_set *next; /* of the pool */
+    struct gn_mirror *mirror;
     struct gn_as *slots[];
 };
 void gn_set_release(struct gn_set *set);
+/* Whether every set of the layout that holds structures has a mirror, and there is one. Without any lock. */
+bool gn_layout_mirrored(struct gn_device *device, VkPipelineLayout layout);
+bool gn_set_layouts_mirrored(struct gn_device *device, uint32_t count, const VkDescriptorSetLayout *layouts);
+
+/* mirror.c. A layout with the binding of a mirror added; false if it has to stay as it is. To be finished in either case. */
+struct gn_mirror_plan {
+    VkDescriptorSetLayoutCreateInfo info;
+    VkDescriptorSetLayoutBinding *bindings;
+    VkDescriptorBindingFlags *flags;
+    struct gn_chain_copy *chain;
+};
+bool gn_mirror_plan_make(struct gn_device *device, const VkDescriptorSetLayoutCreateInfo *info, struct gn_mirror_plan *plan);
+void gn_mirror_plan_finish(struct gn_mirror_plan *plan);
+/* Gives a new set its mirror, if it is to have one, and takes it from one that is freed. */
+void gn_mirror_attach(struct gn_device *device, struct gn_set *set);
+void gn_mirror_detach(struct gn_device *device, struct gn_set *set);
+void gn_mirror_write(struct gn_set *set, uint32_t binding, uint32_t element, VkAccelerationStructureKHR handle, const struct gn_as *as);
+void gn_mirror_copy(const struct gn_set *from, struct gn_set *to, const VkCopyDescriptorSet *copy);
 
 enum { GN_BIND_GRAPHICS, GN_BIND_COMPUTE, GN_BIND_RAYS, GN_BIND_COUNT };
 #define GN_MAX_SETS 32

@@ -7,6 +7,7 @@
 #include "asks_comp.spv.h"
 #include "asks_frag.spv.h"
 #include "asks_long_comp.spv.h"
+#include "asks_many_comp.spv.h"
 #include "asks_rgen.spv.h"
 #include "asks_vert.spv.h"
 #include "plain_frag.spv.h"
@@ -18,10 +19,11 @@
 
 static const VkShaderModuleCreateInfo codes[] = {[ASK_COMPUTE] = CODE(asks_comp_spv), [ASK_VERTEX] = CODE(asks_vert_spv),
                                                  [ASK_FRAGMENT] = CODE(asks_frag_spv), [ASK_RAYGEN] = CODE(asks_rgen_spv),
-                                                 [ASK_LONG] = CODE(asks_long_comp_spv)};
+                                                 [ASK_LONG] = CODE(asks_long_comp_spv),
+                                                 [ASK_MANY] = CODE(asks_many_comp_spv)};
 static const VkShaderModuleCreateInfo plane = CODE(plane_vert_spv), plain = CODE(plain_frag_spv);
 static const VkShaderStageFlagBits stages[] = {VK_SHADER_STAGE_COMPUTE_BIT, VK_SHADER_STAGE_VERTEX_BIT, VK_SHADER_STAGE_FRAGMENT_BIT,
-                                               VK_SHADER_STAGE_RAYGEN_BIT_KHR, VK_SHADER_STAGE_COMPUTE_BIT};
+                                               VK_SHADER_STAGE_RAYGEN_BIT_KHR, VK_SHADER_STAGE_COMPUTE_BIT, VK_SHADER_STAGE_COMPUTE_BIT};
 
 void ask_world_init(struct world *world, const struct world_options *options)
 {
@@ -46,10 +48,15 @@ static void create_layout(struct world *world, struct asker *asker)
 {
     const VkShaderStageFlags all = VK_SHADER_STAGE_COMPUTE_BIT | VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT |
                                    VK_SHADER_STAGE_RAYGEN_BIT_KHR;
-    const VkDescriptorSetLayoutBinding bindings[] = {{0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1, all, NULL},
+    const VkDescriptorSetLayoutBinding bindings[] = {{0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, asker->stage == ASK_MANY ? ASK_SCENES : 1, all, NULL},
                                                      {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, all, NULL}};
-    VkDescriptorSetLayoutCreateInfo layout = {
-        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO, .bindingCount = 2, .pBindings = bindings};
+    const VkDescriptorBindingFlags partial[] = {VK_DESCRIPTOR_BINDING_PARTIALLY_BOUND_BIT, 0};
+    VkDescriptorSetLayoutBindingFlagsCreateInfo flags = {
+        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_BINDING_FLAGS_CREATE_INFO, .bindingCount = 2, .pBindingFlags = partial};
+    VkDescriptorSetLayoutCreateInfo layout = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
+                                              .pNext = asker->stage == ASK_MANY ? &flags : NULL,
+                                              .bindingCount = 2,
+                                              .pBindings = bindings};
     REQUIRE(vkCreateDescriptorSetLayout(world->device, &layout, NULL, &asker->layout));
     VkPushConstantRange push = {all, 0, 4};
     VkPipelineLayoutCreateInfo pipeline = {.sType = VK_STRUCTURE_TYPE_PIPELINE_LAYOUT_CREATE_INFO,
@@ -62,7 +69,8 @@ static void create_layout(struct world *world, struct asker *asker)
 
 static void create_set(struct world *world, struct asker *asker, VkAccelerationStructureKHR tlas)
 {
-    const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1}, {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1}};
+    const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, ASK_SCENES},
+                                          {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1}};
     VkDescriptorPoolCreateInfo pool = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = 1, .poolSizeCount = 2, .pPoolSizes = sizes};
     REQUIRE(vkCreateDescriptorPool(world->device, &pool, NULL, &asker->pool));
@@ -71,23 +79,31 @@ static void create_set(struct world *world, struct asker *asker, VkAccelerationS
                                             .descriptorSetCount = 1,
                                             .pSetLayouts = &asker->layout};
     REQUIRE(vkAllocateDescriptorSets(world->device, &allocate, &asker->set));
+    VkDescriptorBufferInfo out = {asker->out.handle, 0, VK_WHOLE_SIZE};
+    VkWriteDescriptorSet write = {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                  .dstSet = asker->set,
+                                  .dstBinding = 1,
+                                  .descriptorCount = 1,
+                                  .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                  .pBufferInfo = &out};
+    vkUpdateDescriptorSets(world->device, 1, &write, 0, NULL);
+    if (tlas)
+        asker_refer(world, asker, 0, tlas);
+}
+
+void asker_refer(struct world *world, struct asker *asker, uint32_t element, VkAccelerationStructureKHR tlas)
+{
     VkWriteDescriptorSetAccelerationStructureKHR scene = {
         .sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET_ACCELERATION_STRUCTURE_KHR,
         .accelerationStructureCount = 1,
         .pAccelerationStructures = &tlas};
-    VkDescriptorBufferInfo out = {asker->out.handle, 0, VK_WHOLE_SIZE};
-    VkWriteDescriptorSet writes[] = {{.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
-                                      .pNext = &scene,
-                                      .dstSet = asker->set,
-                                      .descriptorCount = 1,
-                                      .descriptorType = VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR},
-                                     {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
-                                      .dstSet = asker->set,
-                                      .dstBinding = 1,
-                                      .descriptorCount = 1,
-                                      .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                      .pBufferInfo = &out}};
-    vkUpdateDescriptorSets(world->device, 2, writes, 0, NULL);
+    VkWriteDescriptorSet write = {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                  .pNext = &scene,
+                                  .dstSet = asker->set,
+                                  .dstArrayElement = element,
+                                  .descriptorCount = 1,
+                                  .descriptorType = VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR};
+    vkUpdateDescriptorSets(world->device, 1, &write, 0, NULL);
 }
 
 static void create_picture(struct world *world, struct asker *asker)
@@ -266,7 +282,7 @@ struct asker asker_create(struct world *world, enum ask_stage stage, enum ask_wa
         create_picture(world, &asker);
     if (way == ASK_BY_OBJECT)
         create_object(world, &asker, &constants);
-    else if (stage == ASK_COMPUTE || stage == ASK_LONG)
+    else if (stage == ASK_COMPUTE || stage >= ASK_LONG)
         create_compute(world, &asker, &constants);
     else if (stage == ASK_RAYGEN)
         create_rays(world, &asker);
@@ -351,7 +367,7 @@ void asker_run(struct world *world, struct asker *asker, uint32_t wrong)
 {
     static const VkPipelineBindPoint points[] = {VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_GRAPHICS,
                                                  VK_PIPELINE_BIND_POINT_GRAPHICS, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR,
-                                                 VK_PIPELINE_BIND_POINT_COMPUTE};
+                                                 VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_COMPUTE};
     VkPipelineBindPoint point = points[asker->stage];
     const VkShaderStageFlags all = VK_SHADER_STAGE_COMPUTE_BIT | VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT |
                                    VK_SHADER_STAGE_RAYGEN_BIT_KHR;

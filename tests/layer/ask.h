@@ -8,7 +8,9 @@
 #define ASK_LANES 8u  /* invocations of a dispatch or trace */
 #define ASK_SIZE 16u  /* the picture's side */
 
-enum ask_stage { ASK_COMPUTE, ASK_VERTEX, ASK_FRAGMENT, ASK_RAYGEN, ASK_LONG /* compute */ };
+enum ask_stage { ASK_COMPUTE, ASK_VERTEX, ASK_FRAGMENT, ASK_RAYGEN, ASK_LONG, ASK_MANY /* compute */ };
+
+#define ASK_SCENES 4 /* in the array of ASK_MANY */
 
 /* How the shader comes to the driver. */
 enum ask_way { ASK_BY_MODULE, ASK_INLINE, ASK_BY_LIBRARY, ASK_BY_OBJECT };
@@ -35,9 +37,12 @@ struct asker {
 /* A world with all that the ways and stages need. */
 void ask_world_init(struct world *world, const struct world_options *options);
 /* `flags` specializes the constant with which the compute shader first initializes a query. */
+/* With a `tlas` of VK_NULL_HANDLE the descriptor is not written. */
 struct asker asker_create(struct world *world, enum ask_stage stage, enum ask_way way, VkAccelerationStructureKHR tlas,
                           uint32_t flags);
 void asker_destroy(struct world *world, struct asker *asker);
+/* Writes a descriptor of the array, or of the only one; its handle may be VK_NULL_HANDLE. */
+void asker_refer(struct world *world, struct asker *asker, uint32_t element, VkAccelerationStructureKHR tlas);
 void asker_name(struct world *world, const struct asker *asker, const char *module, const char *pipeline);
 /* Runs it once, to the end. */
 void asker_run(struct world *world, struct asker *asker, uint32_t wrong);

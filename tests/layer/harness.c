@@ -123,6 +123,9 @@ static void create_device(struct world *world, const struct world_options *optio
     VkPhysicalDeviceVulkan12Features v12 = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_VULKAN_1_2_FEATURES,
                                             .pNext = &v13,
                                             .bufferDeviceAddress = VK_TRUE,
+                                            .descriptorIndexing = VK_TRUE,
+                                            .runtimeDescriptorArray = VK_TRUE,
+                                            .descriptorBindingPartiallyBound = VK_TRUE,
                                             .timelineSemaphore = VK_TRUE};
     float priority = 1;
     VkDeviceQueueCreateInfo queue = {.sType = VK_STRUCTURE_TYPE_DEVICE_QUEUE_CREATE_INFO,

@@ -356,6 +356,62 @@ static void proceed_limit(void **state)
     }
 }
 
+/* What is behind the descriptor that a ray is traced through. In safe mode, for a driver may do anything with what is not built. */
+static void structures(void **state)
+{
+    enum { BUILT, NEVER, BOTTOM, DESTROYED, UNWRITTEN, COUNT };
+    static const struct {
+        int element[ASK_SCENES]; /* of the array; UNWRITTEN elements are not written */
+        uint32_t asked;
+        const char *expected, *text;
+    } table[] = {
+        {{BUILT, NEVER, BOTTOM, UNWRITTEN}, 0, NULL, NULL},
+        {{BUILT, NEVER, BOTTOM, UNWRITTEN}, 1, "structure.never_built", "set 0, binding 0, element 1: TLAS \"never\""},
+        {{BUILT, NEVER, BOTTOM, UNWRITTEN}, 2, "structure.bottom_level", "element 2: BLAS"},
+        {{BUILT, NEVER, BOTTOM, UNWRITTEN}, 3, "structure.none", "element 3."},
+        {{BUILT, NEVER, BOTTOM, UNWRITTEN}, 4, "structure.none", "element 4."}, /* beyond */
+        {{BUILT, NEVER, BOTTOM, UNWRITTEN}, 100, NULL, NULL},                   /* there, but not traced through */
+        {{DESTROYED, BUILT, NEVER, NEVER}, 0, "structure.destroyed", "element 0: TLAS \"gone\""},
+        {{DESTROYED, BUILT, NEVER, NEVER}, 1, NULL, NULL},
+    };
+    (void)state;
+    VkBool32 yes = VK_TRUE;
+    VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "safe_mode", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &yes};
+    int failures = 0;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = 1});
+        world.above_khronos = false;
+        struct scene scene = scene_create(&world, 1), gone = scene_create(&world, 1);
+        struct structure never = tlas_create(&world, 1);
+        structure_name(&world, &never, "never");
+        structure_name(&world, &gone.tlas, "gone");
+        const VkAccelerationStructureKHR handles[COUNT] = {scene.tlas.handle, never.handle, scene.blas.handle, gone.tlas.handle};
+        struct asker asker = asker_create(&world, ASK_MANY, ASK_BY_MODULE, VK_NULL_HANDLE, 0);
+        for (uint32_t e = 0; e < ASK_SCENES; e++)
+            if (table[i].element[e] != UNWRITTEN)
+                asker_refer(&world, &asker, e, handles[table[i].element[e]]);
+        structure_destroy_handle(&world, &gone.tlas);
+        asker_run(&world, &asker, table[i].asked);
+        const struct message *message = table[i].expected ? messages_find(&world, table[i].expected) : NULL;
+        uint32_t others = 0;
+        for (uint32_t m = 0; m < world.messages.count && m < 64; m++)
+            others += strncmp(world.messages.list[m].id, "structure.", 10) == 0 && &world.messages.list[m] != message;
+        float right = table[i].expected || table[i].asked == 100 ? -1.0f : 1.0f, found = *(const float *)asker.out.mapped;
+        if (others || found != right || (table[i].expected && (!message || !strstr(message->text, table[i].text)))) {
+            print_error("row %zu: expected %s and %g, found %g and %s\n", i, table[i].expected ? table[i].expected : "nothing",
+                        (double)right, (double)found, message ? message->text : "no such finding");
+            failures++;
+        }
+        asker_destroy(&world, &asker);
+        structure_destroy(&world, &never);
+        scene_destroy(&world, &gone);
+        scene_destroy(&world, &scene);
+        world_finish(&world);
+    }
+    assert_int_equal(failures, 0);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
@@ -363,6 +419,7 @@ int main(void)
         cmocka_unit_test(specialized_operands),
         cmocka_unit_test(levels),
         cmocka_unit_test(safe_mode),
+        cmocka_unit_test(structures),
         cmocka_unit_test(cache),
         cmocka_unit_test(proceed_limit),
     };
