@@ -324,14 +324,15 @@ static void silent_without_proofs(void **state)
     assert_int_equal(failures, 0);
 }
 
-/* After the runs: each rule has fired, and has stayed silent where it was judged. */
+/* After the runs: each rule has fired, and has stayed silent where it was judged. Those about structures need somebody who knows what is
+ * built: tests/layer/test_shaders.c has both for each. */
 static void every_rule_fires_and_stays_silent(void **state)
 {
     struct suite *suite = *state;
     int failures = 0;
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
         const uint32_t fired = suite->fired[rule], silent = suite->silent[rule];
-        if (!fired || !silent) {
+        if (rule < GN_SPIRV_RULE_STRUCTURE_NONE && (!fired || !silent)) {
             print_error("%s fires %u times and is silent %u times\n", gn_spirv_rule_at((enum gn_spirv_rule_index)rule)->id, fired, silent);
             failures++;
         }
