@@ -52,6 +52,7 @@ struct module {
     uint32_t *definition; /* per id: the instruction that makes it, or NONE */
     uint32_t *block_of;   /* per id: the block that it labels, or NONE */
     uint32_t *function_of; /* per id: the function of that id, or NONE */
+    const uint32_t *alias; /* per id of a load: what was stored before, or 0; NULL until the flow analysis has found it */
     struct function *functions;
     uint32_t function_count;
     struct block *blocks;

@@ -25,6 +25,10 @@ static bool component(const struct module *module, uint32_t id, uint32_t index, 
             return true;
         }
         case SpvOpCopyObject: id = inst_word(module, inst, 3); continue;
+        case SpvOpLoad:
+            if (!module->alias || !(id = module->alias[id]))
+                return false;
+            continue;
         case SpvOpConstantNull: *out = 0; return true;
         case SpvOpConstant: {
             uint32_t bits;
@@ -44,6 +48,52 @@ static bool component(const struct module *module, uint32_t id, uint32_t index, 
         }
     }
     return false;
+}
+
+#define MAX_VALUES 8
+
+/* The values that an integer may have, where all are constants: a selected one, one of a phi, a combination of flags. */
+static bool possible_values(const struct module *module, uint32_t id, int depth, uint32_t out[MAX_VALUES], uint32_t *count)
+{
+    const struct inst *inst = definition_of(module, id);
+    uint32_t value, sides[2][MAX_VALUES], counts[2] = {0, 0};
+    if (constant_u32(module, id, &value)) {
+        for (uint32_t i = 0; i < *count; i++)
+            if (out[i] == value)
+                return true;
+        if (*count == MAX_VALUES)
+            return false;
+        out[(*count)++] = value;
+        return true;
+    }
+    if (!inst || depth > 4)
+        return false;
+    switch (inst->opcode) {
+    case SpvOpCopyObject:
+    case SpvOpBitcast: return possible_values(module, inst_word(module, inst, 3), depth + 1, out, count);
+    case SpvOpLoad: return module->alias && module->alias[id] && possible_values(module, module->alias[id], depth + 1, out, count);
+    case SpvOpSelect:
+        return possible_values(module, inst_word(module, inst, 4), depth + 1, out, count) &&
+               possible_values(module, inst_word(module, inst, 5), depth + 1, out, count);
+    case SpvOpPhi:
+        if (inst->count > 3 + 2 * MAX_VALUES)
+            return false;
+        for (uint32_t w = 3; w < inst->count; w += 2)
+            if (!possible_values(module, inst_word(module, inst, w), depth + 1, out, count))
+                return false;
+        return true;
+    case SpvOpBitwiseOr:
+        for (uint32_t side = 0; side < 2; side++)
+            if (!possible_values(module, inst_word(module, inst, 3 + side), depth + 1, sides[side], &counts[side]))
+                return false;
+        for (uint32_t i = 0; i < counts[0] * counts[1]; i++) {
+            if (*count == MAX_VALUES)
+                return false;
+            out[(*count)++] = sides[0][i / counts[1]] | sides[1][i % counts[1]];
+        }
+        return true;
+    default: return false;
+    }
 }
 
 bool operands_flags(const struct module *module, const struct inst *inst, uint32_t *out)
@@ -73,6 +123,41 @@ static void settle(struct operand_verdict *verdict, uint64_t rule, bool broken, 
         verdict->right |= rule;
 }
 
+/* Proved only if it is the same for every value. */
+static void settle_all(struct operand_verdict *verdict, uint64_t rule, const uint32_t *values, uint32_t count,
+                       bool (*broken)(uint32_t value))
+{
+    uint32_t wrong = 0;
+    for (uint32_t i = 0; i < count; i++)
+        wrong += broken(values[i]);
+    settle(verdict, rule, wrong == count, wrong == 0);
+}
+
+static bool skips_both(uint32_t flags)
+{
+    return (flags & 0x300) == 0x300;
+}
+
+static bool culls_twice(uint32_t flags)
+{
+    return several(flags & 0x130);
+}
+
+static bool forces_twice(uint32_t flags)
+{
+    return several(flags & 0xC3);
+}
+
+static bool any_bit(uint32_t bits)
+{
+    return bits != 0;
+}
+
+static bool beyond_a_byte(uint32_t mask)
+{
+    return mask > 0xFF && mask != UINT32_MAX;
+}
+
 struct ray_words ray_words_of(const struct operation *operation)
 {
     uint32_t w = operation->ray_word;
@@ -96,15 +181,18 @@ struct ray_words ray_words_of(const struct operation *operation)
 static struct operand_verdict judge_ray(const struct module *module, const struct inst *inst, const struct ray_words *ray)
 {
     struct operand_verdict verdict = {0, 0};
-    uint32_t flags, mask;
-    if (constant_u32(module, inst_word(module, inst, ray->flags), &flags)) {
-        settle(&verdict, RULE_BIT(INITIALIZE_SKIP_BOTH), (flags & 0x300) == 0x300, true);
-        settle(&verdict, RULE_BIT(INITIALIZE_CULL_PAIR), several(flags & 0x130), true);
-        settle(&verdict, RULE_BIT(INITIALIZE_OPACITY_PAIR), several(flags & 0xC3), true);
-        settle(&verdict, RULE_BIT(INITIALIZE_UNKNOWN_FLAGS), flags & ~known_flags(module), true);
+    uint32_t flags[MAX_VALUES], masks[MAX_VALUES], count = 0;
+    if (possible_values(module, inst_word(module, inst, ray->flags), 0, flags, &count)) {
+        settle_all(&verdict, RULE_BIT(INITIALIZE_SKIP_BOTH), flags, count, skips_both);
+        settle_all(&verdict, RULE_BIT(INITIALIZE_CULL_PAIR), flags, count, culls_twice);
+        settle_all(&verdict, RULE_BIT(INITIALIZE_OPACITY_PAIR), flags, count, forces_twice);
+        for (uint32_t i = 0; i < count; i++)
+            flags[i] &= ~known_flags(module);
+        settle_all(&verdict, RULE_BIT(INITIALIZE_UNKNOWN_FLAGS), flags, count, any_bit);
     }
-    if (constant_u32(module, inst_word(module, inst, ray->mask), &mask))
-        settle(&verdict, RULE_BIT(INITIALIZE_MASK_BITS), (mask & ~0xFFu) && mask != UINT32_MAX, true);
+    count = 0;
+    if (possible_values(module, inst_word(module, inst, ray->mask), 0, masks, &count))
+        settle_all(&verdict, RULE_BIT(INITIALIZE_MASK_BITS), masks, count, beyond_a_byte);
 
     bool has_nan = false, has_infinity = false, all_known = true, direction_known = true, direction_zero = true,
          direction_nonzero = false;

@@ -15,6 +15,6 @@ void main()
         rayQueryGenerateIntersectionEXT(q, 2.5); //~ generate.range?
     float sum = 0;
     if (TYPE(q) != NOTHING && CHOSEN)
-        sum = rayQueryGetIntersectionBarycentricsEXT(q, true).x; //~ committed.none? committed.not_triangle?
+        sum = rayQueryGetIntersectionBarycentricsEXT(q, true).x; //~ committed.not_triangle!
     SHOW(sum);
 }

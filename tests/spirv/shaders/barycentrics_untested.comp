@@ -10,7 +10,7 @@ void main()
 {
     rayQueryEXT q;
     float sum = 0;
-    START(q, CHOSEN ? gl_RayFlagsNoneEXT : gl_RayFlagsSkipAABBEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsNoneEXT : gl_RayFlagsSkipAABBEXT);
     while (rayQueryProceedEXT(q))
         sum += rayQueryGetIntersectionBarycentricsEXT(q, false).x; //~ candidate.not_triangle?
     SHOW(sum);

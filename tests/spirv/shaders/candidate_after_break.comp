@@ -16,5 +16,5 @@ void main()
             break;
         }
     }
-    SHOW(found ? rayQueryGetIntersectionTEXT(q, false) : 0); //~ candidate.none?
+    SHOW(found ? rayQueryGetIntersectionTEXT(q, false) : 0);
 }

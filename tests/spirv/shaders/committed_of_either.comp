@@ -9,7 +9,7 @@
 void main()
 {
     rayQueryEXT q;
-    START(q, CHOSEN ? gl_RayFlagsSkipTrianglesEXT : gl_RayFlagsOpaqueEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsSkipTrianglesEXT : gl_RayFlagsOpaqueEXT);
     while (rayQueryProceedEXT(q))
         if (CANDIDATE(q) == AT_BOX)
             rayQueryGenerateIntersectionEXT(q, rayQueryGetRayTMinEXT(q) + (CHOSEN ? 2.5 : 0.5)); //~ generate.range?

@@ -9,7 +9,7 @@
 void main()
 {
     rayQueryEXT q;
-    START(q, CHOSEN ? gl_RayFlagsSkipTrianglesEXT : gl_RayFlagsNoneEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsSkipTrianglesEXT : gl_RayFlagsNoneEXT);
     while (rayQueryProceedEXT(q))
         if (CHOSEN || CANDIDATE(q) == AT_TRIANGLE)
             rayQueryConfirmIntersectionEXT(q); //~ confirm.not_triangle?

@@ -10,7 +10,7 @@ void main()
     rayQueryEXT q;
     START(q, gl_RayFlagsNoneEXT);
     uint n = 0;
-    for (uint i = 0; i < 4 && rayQueryProceedEXT(q); i++) //~ proceed.after_false?
-        n += CANDIDATE(q) + 1; //~ candidate.none?
+    for (uint i = 0; i < 4 && rayQueryProceedEXT(q); i++)
+        n += CANDIDATE(q) + 1;
     SHOW(n + TYPE(q));
 }

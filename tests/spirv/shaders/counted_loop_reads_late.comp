@@ -12,7 +12,7 @@ void main()
     rayQueryEXT q;
     START(q, gl_RayFlagsNoneEXT);
     uint n = 0;
-    for (uint i = 0; i < (CHOSEN ? 1 : 4) && rayQueryProceedEXT(q); i++) //~ proceed.after_false?
+    for (uint i = 0; i < (CHOSEN ? 1 : 4) && rayQueryProceedEXT(q); i++)
         n++;
     if (value > 0)
         n += CANDIDATE(q); //~ candidate.none?

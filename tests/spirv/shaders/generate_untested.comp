@@ -9,7 +9,7 @@
 void main()
 {
     rayQueryEXT q;
-    START(q, CHOSEN ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT);
     while (rayQueryProceedEXT(q))
         rayQueryGenerateIntersectionEXT(q, 0.5); //~ generate.not_aabb? generate.range?
     SHOW(TYPE(q));

@@ -7,7 +7,7 @@
 #include "query.glsl"
 bool step(rayQueryEXT q)
 {
-    return rayQueryProceedEXT(q); //~ proceed.after_false?
+    return rayQueryProceedEXT(q);
 }
 void main()
 {
@@ -15,6 +15,6 @@ void main()
     START(q, gl_RayFlagsNoneEXT);
     uint n = 0;
     while (step(q))
-        n += CANDIDATE(q) + 1; //~ candidate.none?
+        n += CANDIDATE(q) + 1;
     SHOW(n);
 }

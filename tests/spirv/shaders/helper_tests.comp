@@ -15,5 +15,5 @@ void main()
     START(q, gl_RayFlagsNoneEXT);
     while (rayQueryProceedEXT(q)) {
     }
-    SHOW(hit(q) ? rayQueryGetIntersectionTEXT(q, true) : 0.0); //~ committed.none?
+    SHOW(hit(q) ? rayQueryGetIntersectionTEXT(q, true) : 0.0);
 }

@@ -10,7 +10,7 @@ void main()
 {
     rayQueryEXT q;
     int flags = int(choice), mask = 0xFF;
-    rayQueryInitializeEXT(q, scene, flags, mask, vec3(0.25, 0.25, -1), 0.0, vec3(0, 0, 1), 100.0); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags? initialize.mask_bits?
+    rayQueryInitializeEXT(q, scene, flags, mask, vec3(0.25, 0.25, -1), 0.0, vec3(0, 0, 1), 100.0); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
     while (rayQueryProceedEXT(q)) {
     }
     SHOW(TYPE(q));

@@ -10,7 +10,7 @@ void main()
 {
     rayQueryEXT q;
     uint n = 0;
-    START(q, CHOSEN ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsNoneEXT : gl_RayFlagsOpaqueEXT);
     while (rayQueryProceedEXT(q))
         n += rayQueryGetIntersectionCandidateAABBOpaqueEXT(q) ? 1 : 2; //~ candidate.not_aabb?
     SHOW(n);

@@ -9,7 +9,7 @@
 void main()
 {
     rayQueryEXT q;
-    START(q, CHOSEN ? gl_RayFlagsSkipAABBEXT | gl_RayFlagsOpaqueEXT : gl_RayFlagsNoneEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsSkipAABBEXT | gl_RayFlagsOpaqueEXT : gl_RayFlagsNoneEXT);
     bool both = rayQueryProceedEXT(q);
     both = rayQueryProceedEXT(q) && both; //~ proceed.after_false?
     SHOW(both ? 1 : 0);

@@ -9,7 +9,7 @@
 void main()
 {
     rayQueryEXT q;
-    START(q, CHOSEN ? gl_RayFlagsOpaqueEXT | gl_RayFlagsSkipAABBEXT : gl_RayFlagsNoOpaqueEXT); //~ initialize.skip_both? initialize.cull_pair? initialize.opacity_pair? initialize.unknown_flags?
+    START(q, CHOSEN ? gl_RayFlagsOpaqueEXT | gl_RayFlagsSkipAABBEXT : gl_RayFlagsNoOpaqueEXT);
     rayQueryProceedEXT(q);
     SHOW(rayQueryGetIntersectionPrimitiveIndexEXT(q, false)); //~ candidate.none?
 }

@@ -13,7 +13,7 @@ void main()
     bool previous = true, more = true;
     uint n = 0;
     for (uint i = 0; i < 9 && more; i++) {
-        more = rayQueryProceedEXT(q); //~ proceed.after_false?
+        more = rayQueryProceedEXT(q);
         /* What an earlier Proceed returned says nothing of the candidate now. */
         if (previous)
             n += rayQueryGetIntersectionInstanceIdEXT(q, false); //~ candidate.none?

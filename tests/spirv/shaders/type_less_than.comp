@@ -13,6 +13,6 @@ void main()
     }
     float sum = 0;
     if (TYPE(q) > NOTHING)
-        sum = rayQueryGetIntersectionTEXT(q, true); //~ committed.none?
+        sum = rayQueryGetIntersectionTEXT(q, true);
     SHOW(sum);
 }
