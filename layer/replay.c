@@ -372,7 +372,7 @@ static void replay_read(struct gn_replay *replay, const struct gn_event *event, 
     struct gn_as *tlas = entry->set->slots[entry->slot];
     struct gn_trouble troubles[GN_TROUBLE_KINDS];
     int count = 0;
-    if (!tlas || tlas->destroyed_at)
+    if (!tlas || tlas->destroyed_at || device->builds_unseen)
         return;
     if (tlas->used_in == replay->number && tlas->used_version == tlas->writes && (tlas->used_certainly || !entry->certain))
         return;

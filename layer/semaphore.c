@@ -190,6 +190,20 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_SignalSemaphore(VkDevice handle, const V
     return device->next.SignalSemaphore(handle, info);
 }
 
+/* Presenting waits for semaphores: their next signal may be one that is not seen. */
+VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueuePresentKHR(VkQueue queue, const VkPresentInfoKHR *info)
+{
+    struct gn_device *device = gn_device_of(queue);
+    gn_lock(device);
+    for (uint32_t i = 0; i < info->waitSemaphoreCount; i++) {
+        struct gn_semaphore *semaphore = gn_map_get(&device->semaphores, (uint64_t)info->pWaitSemaphores[i]);
+        if (semaphore)
+            semaphore->signalled = false;
+    }
+    gn_unlock(device);
+    return device->next.QueuePresentKHR(queue, info);
+}
+
 /* The host has learnt something in a way that is not looked into. */
 void gn_host_saw_all(struct gn_device *device)
 {

@@ -427,8 +427,13 @@ static VkResult submit(VkQueue handle, uint32_t count, struct submission_info in
             batch->fence = app_fence;
         replay_batch(&replay, batch);
     }
-    if (!count && app_fence && replay.queue)
-        gn_fence_submitted(device, app_fence, &replay.queue->clock);
+    if (!count && app_fence && replay.queue) {
+        struct gn_batch *batch = batch_create(device, 0, 0, 0);
+        if (batch) {
+            batch->fence = app_fence;
+            replay_batch(&replay, batch);
+        }
+    }
     /* Sparse binding has a fence of its own only if the application gives one. */
     if (!info.sparse || app_fence || replay.submission)
         fence = replay_end(&replay, fence);

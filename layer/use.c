@@ -241,7 +241,8 @@ int gn_use_troubles(struct gn_device *device, struct gn_as *tlas, uint64_t versi
 {
     int count = 0;
     struct gn_members *members = tlas->members;
-    if (!members || members->version != version ||
+    /* What is built under another name is not known. */
+    if (tlas->shared || !members || members->version != version ||
         (members->queue != queue && (members->queue >= GN_MAX_CLOCKS || seen->at[members->queue] < members->position)) ||
         !gn_members_look(device, members, queue, position, seen))
         return -1;

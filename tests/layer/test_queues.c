@@ -108,6 +108,12 @@ static VKAPI_ATTR VkResult VKAPI_CALL bind_sparse(VkQueue queue, uint32_t count,
     return submit_result;
 }
 
+static VKAPI_ATTR VkResult VKAPI_CALL present(VkQueue queue, const VkPresentInfoKHR *info)
+{
+    (void)queue, (void)info;
+    return VK_SUCCESS;
+}
+
 static VKAPI_ATTR VkResult VKAPI_CALL get_fence_status(VkDevice device, VkFence fence)
 {
     (void)device, (void)fence;
@@ -222,6 +228,7 @@ static void fixture_init(struct fixture *fixture)
                                            .QueueSubmit = queue_submit,
                                            .QueueSubmit2 = queue_submit_2,
                                            .QueueBindSparse = bind_sparse,
+                                           .QueuePresentKHR = present,
                                            .QueueWaitIdle = queue_idle,
                                            .DeviceWaitIdle = device_idle,
                                            .GetFenceStatus = get_fence_status,
@@ -416,6 +423,27 @@ static void by_fence(struct fixture *fixture)
     submit(fixture, 1, COPY, NONE, NONE, VK_NULL_HANDLE);
 }
 
+/* An empty submission has the fence, behind one that is held back. */
+static void by_empty_submission(struct fixture *fixture)
+{
+    VkQueue queue = (VkQueue)(void *)&fake_queues[0];
+    submit(fixture, 0, BUILD, link_of(fixture->timeline[0], 1), NONE, VK_NULL_HANDLE);
+    gn_entry_QueueSubmit(queue, 0, NULL, fixture->fence);
+    submit(fixture, 2, NOTHING, NONE, link_of(fixture->timeline[0], 1), VK_NULL_HANDLE);
+    gn_entry_WaitForFences(fixture->handle, 1, &fixture->fence, VK_TRUE, UINT64_MAX);
+    submit(fixture, 1, COPY, NONE, NONE, VK_NULL_HANDLE);
+}
+
+/* The semaphore was waited for by a presentation, and signalled again by something that is not seen. */
+static void by_presentation(struct fixture *fixture)
+{
+    VkPresentInfoKHR info = {.waitSemaphoreCount = 1, .pWaitSemaphores = &fixture->binary[0]};
+    submit(fixture, 0, NOTHING, NONE, link_of(fixture->binary[0], 0), VK_NULL_HANDLE);
+    gn_entry_QueuePresentKHR((VkQueue)(void *)&fake_queues[0], &info);
+    submit(fixture, 0, BUILD, NONE, NONE, VK_NULL_HANDLE);
+    submit(fixture, 1, COPY, link_of(fixture->binary[0], 0), NONE, VK_NULL_HANDLE);
+}
+
 /* The fence is of what came before the build. */
 static void by_earlier_fence(struct fixture *fixture)
 {
@@ -542,6 +570,8 @@ static const struct {
     {"by way of a third queue, in reverse order", by_a_third_queue, 0, 0, false},
     {"by way of sparse binding", by_sparse_binding, 0, 0, false},
     {"fence", by_fence, 0, 0, false},
+    {"fence of an empty submission", by_empty_submission, 0, 0, false},
+    {"presentation", by_presentation, 0, 0, false},
     {"fence of something earlier", by_earlier_fence, 1, 0, false},
     {"vkQueueWaitIdle", by_queue_idle, 0, 0, false},
     {"vkQueueWaitIdle of the other queue", by_other_queue_idle, 1, 0, false},
