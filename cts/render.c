@@ -232,8 +232,13 @@ static bool trace_driver(struct painter *painter, const struct gn_cts_ray *rays,
     struct gn_case_run *run = painter->run;
     struct gn_cts_answers answers = {0};
     const enum gn_cts_program program = painter->lists ? GN_CTS_CANDIDATES : GN_CTS_COMMITTED;
-    if (gn_scene_trace(painter->built, &run->route, program, rays, count, &run->arena, &answers) != GN_DEVICE_OK) {
-        gn_case_fail(run, "%s", gn_device_message(run->device));
+    const enum gn_device_status status =
+        gn_scene_trace(painter->built, &run->route, program, rays, count, &run->arena, &answers);
+    if (status != GN_DEVICE_OK) {
+        if (status == GN_DEVICE_UNSUPPORTED)
+            gn_case_skip(run, "%s", gn_device_message(run->device));
+        else
+            gn_case_fail(run, "%s", gn_device_message(run->device));
         return false;
     }
     if (painter->judged)
