@@ -323,6 +323,25 @@ static VkFence replay_end(struct gn_replay *replay, VkFence fence)
     return submission->fence;
 }
 
+/* What rests on the commands alone is told as soon as they are submitted: if the device hangs or is lost, it may be why. */
+static void tell_at_once(struct gn_device *device, struct gn_submission *submission, struct gn_findings *findings)
+{
+    if (atomic_load_explicit(&device->incomplete, memory_order_relaxed))
+        return;
+    submission->last_suspicion = &submission->suspicions;
+    for (struct gn_suspicion *suspicion = submission->suspicions, *next; suspicion; suspicion = next) {
+        next = suspicion->next;
+        if (suspicion->structures[0] || suspicion->structures[1]) {
+            *submission->last_suspicion = suspicion;
+            submission->last_suspicion = &suspicion->next;
+            continue;
+        }
+        gn_report_confirm(device->instance, suspicion->finding, findings);
+        free(suspicion);
+    }
+    *submission->last_suspicion = NULL;
+}
+
 static void replay_settle(struct gn_replay *replay, VkResult result)
 {
     struct gn_submission *submission = replay->submission;
@@ -330,6 +349,8 @@ static void replay_settle(struct gn_replay *replay, VkResult result)
         return;
     gn_lock(replay->device);
     submission->accepted = true;
+    if (result == VK_SUCCESS)
+        tell_at_once(replay->device, submission, replay->findings);
     if (result != VK_SUCCESS) {
         struct gn_submission **link = &replay->queue->oldest;
         while (*link != submission)

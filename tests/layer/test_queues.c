@@ -632,8 +632,26 @@ static void state_passes_between_queues(void **state)
     }
 }
 
+/* What needs no proof from the device is there before the device is lost. */
+static void told_before_the_device_is_lost(void **state)
+{
+    (void)state;
+    struct fixture *fixture = calloc(1, sizeof *fixture);
+    fixture_init(fixture);
+    submit(fixture, 0, BUILD, NONE, NONE, VK_NULL_HANDLE);
+    assert_int_equal(fixture->instance.findings, 0);
+    submit(fixture, 0, COPY, NONE, NONE, VK_NULL_HANDLE);
+    assert_int_equal(fixture->instance.findings, 1);
+    fence_status = VK_ERROR_DEVICE_LOST;
+    gn_device_collect(fixture->device);
+    assert_int_equal(fixture->instance.findings, 1);
+    fixture_finish(fixture);
+    free(fixture);
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row), cmocka_unit_test(state_passes_between_queues)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row), cmocka_unit_test(state_passes_between_queues),
+                                       cmocka_unit_test(told_before_the_device_is_lost)};
     return cmocka_run_group_tests_name("queues", tests, NULL, NULL);
 }
