@@ -26,11 +26,11 @@ struct price {
 struct proposal {
     struct proposal *child[2]; /* NULL: a leaf */
     uint32_t primitive_count; /* of all below */
-    uint32_t ids[2]; /* of a leaf */
+    uint32_t ids[4]; /* of a leaf */
     struct price *price; /* of a node, else NULL */
 };
 /* What a leaf of the proposal has at most. */
-enum { PROPOSAL_LEAF = 2 };
+enum { PROPOSAL_LEAF = 4 };
 
 static void *node_create(RTCThreadLocalAllocator allocator, unsigned child_count, void *user)
 {

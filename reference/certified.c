@@ -305,13 +305,13 @@ void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flig
 
 static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *flight, struct gn_ref_hit *out)
 {
-    const struct gn_ref_candidate *best = &flight->best;
+    struct gn_ref_candidate *best = &flight->best;
     const struct gn_ref_scene *scene = call->scene;
     if (best->id == GN_REF_NONE)
         return 0;
     bool opaque, front = gn_ref_trace_front(scene, flight->effects, best->id, best->sum_sign);
     gn_ref_trace_admits(scene, flight->ray, flight->effects & 1u << GN_REF_EFFECT_ANY_HIT, best->id, &opaque);
-    if (!gn_ref_candidate_accurate(best)) {
+    if (!gn_ref_candidate_accurate(best) && !gn_ref_candidate_refine(best, flight, scene)) {
         struct gn_ref_found found = {.id = best->id, .t_error = INFINITY, .front = front, .opaque = opaque};
         gn_ref_trace_hit_write(slow_stage(call, flight), &found, out);
         return 1;

@@ -61,11 +61,10 @@
  * halves; S_1 is short), |r| <= u R; r + S_2 a_z, below 2^-24 (1 + 2^-20) R, is wrong by 2 u 2^-24 R, and x = (a_x - p) - that
  * by that, u (|x| + 2^-24 R), u |x| and R 2^-77 for S. Together 2 u |x| + h, h = 2^-75 R, either way. An edge function
  * B_x C_y - B_y C_x then is wrong by 4 u (|B_x C_y| + |B_y C_x|) + h n + terms of second order from the coordinates, and by
- * 2 u (|B_x C_y| + |B_y C_x|) from rounding. The sum in parentheses is at most (|B_x| + |B_y|) (|C_x| + |C_y|) <= n^2 / 4,
- * so that
- *     E = 2 u n^2 + 1.25 h n + 4 h^2
+ * 2 u (|B_x C_y| + |B_y C_x|) from rounding. With P the largest of the three sums in parentheses
+ *     E = 6.5 u P + 1.25 h n + 4 h^2
  * covers it. (In fine leaves the two parts of S cost one more rounding of x than the one S of other rays: from a, from the
- * product, from two differences of at most 2 R, 7 u R in all. eps covers it.) Both forms are E = (c_1 n + c_2) n + c_3.
+ * product, from two differences of at most 2 R, 7 u R in all. eps covers it.) Both forms are E = c_1 P + c_2 n + c_3.
  *
  * s of a triangle that is certainly met: edge functions U, V, W are all of one sign, beyond E. S = U + V + W is wrong by
  * at most E_S = 3.5 E + 8 u |S| (a margin for its own rounding), which has to be below |S| / 64. b = V / S, computed as V times
@@ -102,6 +101,11 @@ static inline bool gn_ref_candidate_accurate(const struct gn_ref_candidate *cand
 {
     return candidate->s_error <= 0x1.8p-41 * candidate->s && candidate->barycentric_error <= 0x1.8p-41;
 }
+
+struct gn_ref_flight;
+/* s and barycentrics of a triangle that is met, in pairs of f64 (refine.c). False when they are still not accurate. */
+bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn_ref_flight *flight,
+                             const struct gn_ref_scene *scene);
 
 #define GN_REF_STACK_SIZE ((GN_REF_MAX_DEPTH + 1) * GN_REF_NODE_WIDTH)
 

@@ -409,11 +409,18 @@ static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_fligh
     struct lane lane;
     double w[3][3], x[3], y[3], n = 0, vertex_error;
     lane_corners(w, &vertex_error, bvh, id, flight->axis, narrow);
+    lane.eps = narrow ? flight->eps : muladd(vertex_error, 3, flight->eps);
+    for (int v = 0; v < 3; v++)
+        lane.z[v] = w[v][2] - flight->origin[2];
+    /* The triangle's own extent bounds s. */
+    double a = flight->sign * lane.z[0], b = flight->sign * lane.z[1], c = flight->sign * lane.z[2];
+    double first = least_of(a, least_of(b, c)) - lane.eps, last = most_of(a, most_of(b, c)) + lane.eps;
+    if (first > flight->best.upper || last < flight->s_first || first > flight->s_last)
+        return;
     for (int v = 0; v < 3; v++) {
-        double z = w[v][2] - flight->origin[2];
+        double z = lane.z[v];
         x[v] = w[v][0] - flight->origin[0];
         y[v] = w[v][1] - flight->origin[1];
-        lane.z[v] = z;
         if (narrow && !FUSED && flight->split) {
             x[v] = (x[v] - flight->shear[0] * z) - shear_rest(flight->shear[0], flight->shear_rest[0], z);
             y[v] = (y[v] - flight->shear[1] * z) - shear_rest(flight->shear[1], flight->shear_rest[1], z);
@@ -427,12 +434,15 @@ static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_fligh
         }
         n += fabs(x[v]) + fabs(y[v]);
     }
-    lane.eps = flight->eps;
     if (!narrow) {
-        lane.eps = muladd(vertex_error, 3, lane.eps);
         lane.error = lane.eps * muladd(n, 1.5, lane.eps * 4);
     } else if (sharp) {
-        lane.error = muladd(muladd(flight->bound[0], n, flight->bound[1]), n, flight->bound[2]);
+        double product = 0;
+        for (int i = 0; i < 3; i++) {
+            int j = (i + 1) % 3, k = (i + 2) % 3;
+            product = most_of(fabs(x[j] * y[k]) + fabs(y[j] * x[k]), product);
+        }
+        lane.error = muladd(flight->bound[0], product, muladd(flight->bound[1], n, flight->bound[2]));
     } else {
         lane.error = muladd(1.5 * flight->eps, n, 4 * flight->eps * flight->eps);
     }
@@ -447,11 +457,6 @@ static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_fligh
     if ((least > lane.error || most < -lane.error) && lane_offer(call, flight, &lane, id, 0))
         return;
     if (narrow && flight->best.zeros && gn_ref_certified_tie(call, flight, id, lane.edge, lane.error))
-        return;
-    /* The triangle's own extent bounds s. */
-    double a = flight->sign * lane.z[0], b = flight->sign * lane.z[1], c = flight->sign * lane.z[2];
-    double first = least_of(a, least_of(b, c)) - lane.eps, last = most_of(a, most_of(b, c)) + lane.eps;
-    if (first > flight->best.upper || last < flight->s_first || first > flight->s_last)
         return;
     lane_settle(call, flight, bvh, id, narrow);
 }
@@ -656,7 +661,7 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
     double eps = 8 * 0x1p-53 * reach, h = 0x1p-75 * reach;
     flight->eps = eps;
     flight->local_error = 0x1p-49 * reach;
-    flight->bound[0] = sharp ? 2 * 0x1p-53 : 0;
+    flight->bound[0] = sharp ? 6.5 * 0x1p-53 : 0;
     flight->bound[1] = sharp ? 1.25 * h : 1.5 * eps;
     flight->bound[2] = sharp ? 4 * h * h : 4 * eps * eps;
     flight->s_first = ray->tmin * length + 0.0;

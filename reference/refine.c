@@ -1,0 +1,121 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+/*
+ * The numbers of a triangle that is known to be met, when the scene's f64 vertices are not accurate enough for them (thin
+ * triangles far from the origin, stretched by an instance): its vertices are placed once more, and all is computed in
+ * pairs of f64, u = 2^-53.
+ *
+ * A pair stands for its exact sum. Sums of pairs (accurate ones, with both rests) are wrong by at most 4 u^2 of the larger magnitudes
+ * that go into them, products by 8 u^2 of theirs. Vertices and transform being f32, a vertex is a sum of four exact
+ * products: with A bounding the sums of their magnitudes and the origin's, its difference to the origin is wrong by
+ * 3 * 4 u^2 A + 8 u^2 A = 20 u^2 A. With D = max |d| the sheared coordinate x = d_z a_x - d_x a_z is wrong by
+ * (2 * 20 + 2 * 8 + 8) u^2 D A = 64 u^2 D A, and is at most 2 D A. An edge function x_j y_k - y_j x_k then is wrong by
+ * (4 * 2 * 64 + 2 * 8 * 4 + 32) u^2 (D A)^2 and terms of u^4, less than
+ *     E = 2^10 u^2 (D A)^2.
+ * Nothing underflows: all numbers are multiples of 2^-894, and E is at least 2^-692 where A is not 0. Factors are below 2^230.
+ * From there on it is as in certified.h: S = U + V + W is wrong by E_S = 4 E + 8 u |S|, a barycentric by
+ *     f = 1.0625 (5.5 E + 10 u |S|) / |S| + 8 u
+ * if E_S < |S| / 64, and s by f P + 4 u P + 4 u Z, P = |B_z - A_z| + |C_z - A_z| and Z the largest of |A_z|, |B_z|, |C_z|.
+ */
+#include <math.h>
+
+#include "reference/certified.h"
+
+/* high + low, low at most half an ulp of high. */
+struct pair {
+    double high, low;
+};
+
+static struct pair pair_of_sum(double a, double b)
+{
+    double sum = a + b, other = sum - a;
+    return (struct pair){sum, (a - (sum - other)) + (b - other)};
+}
+
+/* Dekker's product: factors below 2^970. */
+static struct pair pair_of_product(double a, double b)
+{
+    double p = a * b, c = a * 0x1.0000002p27, d = b * 0x1.0000002p27;
+    double a1 = c - (c - a), b1 = d - (d - b), a0 = a - a1, b0 = b - b1;
+    return (struct pair){p, a0 * b0 - (((p - a1 * b1) - a0 * b1) - a1 * b0)};
+}
+
+static struct pair pair_add(struct pair a, struct pair b)
+{
+    struct pair high = pair_of_sum(a.high, b.high), low = pair_of_sum(a.low, b.low);
+    high = pair_of_sum(high.high, high.low + low.high);
+    return pair_of_sum(high.high, high.low + low.low);
+}
+
+static struct pair pair_negate(struct pair a)
+{
+    return (struct pair){-a.high, -a.low};
+}
+
+static struct pair pair_multiply(struct pair a, struct pair b)
+{
+    struct pair p = pair_of_product(a.high, b.high);
+    return pair_of_sum(p.high, p.low + (a.high * b.low + a.low * b.high));
+}
+
+/* a b - c d */
+static struct pair cross(struct pair a, struct pair b, struct pair c, struct pair d)
+{
+    return pair_add(pair_multiply(a, b), pair_negate(pair_multiply(c, d)));
+}
+
+bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn_ref_flight *flight,
+                             const struct gn_ref_scene *scene)
+{
+    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, candidate->id);
+    const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
+    const struct gn_ref_blas *blas = &scene->blases[instance->blas];
+    const struct gn_ref_geometry *geometry = &blas->geometries[primitive->geometry];
+    const double unit = 0x1p-53;
+    if (geometry->divisor != 1 || !blas->matrices[primitive->geometry].identity)
+        return false;
+    bool placed = gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
+                                        !scene->instance_data[primitive->instance].matrix.identity, 3);
+    const float *transform = placed ? instance->transform : gn_ref_identity;
+    struct pair x[3], y[3], z[3], edge[3];
+    double most = 0;
+    for (int v = 0; v < 3; v++) {
+        const double *position = geometry->positions[geometry->triangles[primitive->primitive][v]];
+        struct pair a[3];
+        for (int i = 0; i < 3; i++) {
+            uint32_t axis = flight->axis[i];
+            const float *m = transform + 4 * axis;
+            struct pair sum = {placed ? m[3] : position[axis], 0};
+            double size = fabs(sum.high) + fabs(flight->origin[i]);
+            if ((double)(float)position[axis] != position[axis])
+                return false;
+            for (int j = 0; placed && j < 3; j++) {
+                double product = m[j] * position[j];
+                sum = pair_add(sum, (struct pair){product, 0});
+                size += fabs(product);
+            }
+            a[i] = pair_add(sum, (struct pair){-flight->origin[i], 0});
+            most = size > most ? size : most;
+        }
+        const struct pair dx = {flight->direction[0], 0}, dy = {flight->direction[1], 0}, dz = {flight->direction[2], 0};
+        x[v] = cross(dz, a[0], dx, a[2]);
+        y[v] = cross(dz, a[1], dy, a[2]);
+        z[v] = a[2];
+    }
+    for (int i = 0; i < 3; i++) {
+        int j = (i + 1) % 3, k = (i + 2) % 3;
+        edge[i] = cross(x[j], y[k], y[j], x[k]);
+    }
+    double scale = flight->length * most * (1 + 0x1p-40), error = 0x1p-96 * scale * scale;
+    double sum = edge[0].high + edge[1].high + edge[2].high, size = fabs(sum);
+    if (!(4 * error + 8 * unit * size < size * (1.0 / 65)))
+        return false;
+    double f = 1.0625 * (5.5 * error + 10 * unit * size) / size + 8 * unit;
+    double p = pair_add(z[1], pair_negate(z[0])).high, q = pair_add(z[2], pair_negate(z[0])).high;
+    double extent = fabs(p) + fabs(q), farthest = fmax(fabs(z[0].high), fmax(fabs(z[1].high), fabs(z[2].high)));
+    candidate->beta = edge[1].high / sum;
+    candidate->gamma = edge[2].high / sum;
+    candidate->barycentric_error = f;
+    candidate->s = flight->sign * (z[0].high + (candidate->beta * p + candidate->gamma * q));
+    candidate->s_error = (f + 6 * unit) * extent + 6 * unit * farthest;
+    return gn_ref_candidate_accurate(candidate);
+}
