@@ -354,6 +354,10 @@ void gn_render_passes_finish(struct gn_device *device)
     gn_map_finish(&device->render_passes);
 }
 
+#define RELEVANT                                                                                                       \
+    (VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |                                                \
+     VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR | VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR)
+
 /* A write into a buffer that builds or traces may read. */
 static void transfer(struct gn_device *device, VkCommandBuffer handle, const char *command, VkBuffer to, VkDeviceSize offset,
                      VkDeviceSize size)
@@ -361,7 +365,7 @@ static void transfer(struct gn_device *device, VkCommandBuffer handle, const cha
     gn_lock(device);
     const struct gn_buffer *buffer = gn_map_get(&device->buffers, (uint64_t)to);
     struct gn_command_buffer *commands =
-        buffer && buffer->address && offset < buffer->size ? gn_command_buffer_get(device, handle) : NULL;
+        buffer && (buffer->usage & RELEVANT) && buffer->address && offset < buffer->size ? gn_command_buffer_get(device, handle) : NULL;
     if (commands) {
         if (size > buffer->size - offset)
             size = buffer->size - offset;

@@ -250,7 +250,9 @@ static void meet(struct gn_range *range, void *context)
     struct gn_touch *other = (struct gn_touch *)(void *)range;
     bool writes = gn_role_writes(touch->role);
     bool same_kind = other->queue == touch->queue && other->role == touch->role;
-    if (other->position != touch->position && (writes || gn_role_writes(other->role))) {
+    /* What transfers do to each other is not ours to say. */
+    bool transfers = other->role == GN_ROLE_TRANSFER && touch->role == GN_ROLE_TRANSFER;
+    if (other->position != touch->position && (writes || gn_role_writes(other->role)) && !transfers) {
         enum gn_order order = gn_sync_order(visit->device, other, touch, visit->host);
         if (order != GN_ORDERED)
             visit->conflict(visit->context, &(struct gn_conflict){.first = other, .second = touch, .why = order});
@@ -259,7 +261,7 @@ static void meet(struct gn_range *range, void *context)
     bool same_thing = (other->as == touch->as && other->role != GN_ROLE_SCRATCH && touch->role != GN_ROLE_SCRATCH &&
                        other->role != GN_ROLE_INPUT && touch->role != GN_ROLE_INPUT) ||
                       (other->role == GN_ROLE_SCRATCH && same_kind && range->base == touch->range.base);
-    if (other->position == touch->position && other->queue == touch->queue && (writes || gn_role_writes(other->role)) && !same_thing)
+    if (other->position == touch->position && other->queue == touch->queue && (writes || gn_role_writes(other->role)) && !same_thing && !transfers)
         visit->conflict(visit->context, &(struct gn_conflict){.first = other, .second = touch, .why = GN_SAME_COMMAND});
     /* A later access of the same bytes says all that this one could say. */
     bool over_now = other->position != touch->position && over(other, visit->host);

@@ -185,6 +185,26 @@ static void upload(struct world *world, const struct order *order)
     structure_destroy(world, &blas);
 }
 
+/* Two writes that nothing orders, and a build that is ordered after both. */
+static void two_uploads(struct world *world, const struct order *order)
+{
+    struct structure blas = blas_create(world, BLAS, 0);
+    struct buffer target = buffer_create(world, 64, VK_BUFFER_USAGE_TRANSFER_DST_BIT |
+                                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
+    struct buffer own = blas.input;
+    blas.input = target;
+    struct step step = begin(world);
+    step.range = target;
+    vkCmdFillBuffer(step.commands, target.handle, 0, 64, 0);
+    vkCmdUpdateBuffer(step.commands, target.handle, 0, 36, own.mapped);
+    between(&step, order);
+    commands_build_one(world, step.commands, &blas);
+    finish(&step);
+    blas.input = own;
+    buffer_destroy(world, &target);
+    structure_destroy(world, &blas);
+}
+
 static void overwrite(struct world *world, const struct order *order)
 {
     struct structure blas = blas_create(world, BLAS, 0);
@@ -383,6 +403,8 @@ static const struct {
     {"scratch, a range", "sync.scratch", 0, scratch, {1, {{BUILD, WRITE, BUILD, READ | WRITE}}, BUFFER_RANGE}, NULL},
     {"input, nothing", "sync.input", 1, upload, {0}, "dstAccessMask SHADER_READ"},
     {"input", "sync.input", 0, upload, {1, {{COPY, VK_ACCESS_TRANSFER_WRITE_BIT, BUILD, VK_ACCESS_SHADER_READ_BIT}}, PLAIN}, NULL},
+    {"input, two writes", "sync.input", 0, two_uploads,
+     {1, {{COPY, VK_ACCESS_TRANSFER_WRITE_BIT, BUILD, VK_ACCESS_SHADER_READ_BIT}}, PLAIN}, NULL},
     {"input, as a structure", "sync.input", 1, upload, {1, {{COPY, VK_ACCESS_TRANSFER_WRITE_BIT, BUILD, READ}}, PLAIN}, "visible"},
     {"input overwritten, nothing", "sync.input", 1, overwrite, {0}, "vkCmdFillBuffer"},
     {"input overwritten, execution only", "sync.input", 0, overwrite, {1, {{BUILD, 0, COPY, 0}}, PLAIN}, NULL},
