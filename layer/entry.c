@@ -64,6 +64,16 @@ void gn_instance_forget(struct gn_instance *instance)
     leave(&instances, (uint64_t)(uintptr_t)instance->key);
 }
 
+void gn_devices_each(const struct gn_instance *instance, void (*visit)(struct gn_device *device))
+{
+    struct gn_device *device;
+    pthread_rwlock_rdlock(&registry_lock);
+    for (size_t cursor = 0; (device = gn_map_next(&devices, &cursor));)
+        if (device->instance == instance)
+            visit(device);
+    pthread_rwlock_unlock(&registry_lock);
+}
+
 bool gn_device_register(struct gn_device *device)
 {
     device->key = *(void **)device->handle;

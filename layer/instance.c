@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Instances, their messengers, and what is left to say when a process ends without destroying them. */
-#include "layer/layer.h"
+#include "layer/shader.h"
 #include "layer/log.h"
 #include "layer/sarif.h"
 
@@ -143,6 +143,7 @@ void gn_instances_close(const char *ending)
         pthread_mutex_lock(&instance->lock);
         instance->messenger_count = 0;
         pthread_mutex_unlock(&instance->lock);
+        gn_devices_each(instance, gn_shaders_read_left);
         atomic_fetch_add(&instance->tally.unjudged[GN_UNJUDGED_not_completed], atomic_exchange(&instance->open_judgements, 0));
         gn_report_close(instance, ending);
     }

@@ -491,6 +491,8 @@ struct gn_device *gn_device_of(const void *dispatchable);
 bool gn_instance_register(struct gn_instance *instance);
 void gn_instance_forget(struct gn_instance *instance);
 bool gn_device_register(struct gn_device *device);
+/* Every device of the instance; no other may come or go meanwhile. */
+void gn_devices_each(const struct gn_instance *instance, void (*visit)(struct gn_device *device));
 void gn_device_forget(struct gn_device *device);
 
 /* chain.c: the structure of that type in a pNext chain, NULL if there is none. */

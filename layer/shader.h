@@ -133,6 +133,8 @@ const struct gn_as *gn_structure_by_id(struct gn_device *device, uint32_t id);
 /* Tells what the device has recorded since the last time; cheap if that is nothing. `lost`: the device was, and nothing is certain of it.
  * `last`: there is no later time. Without any lock. */
 void gn_shaders_read(struct gn_device *device, bool lost, bool last);
+/* The same at the end of a process that leaves its device behind: no Vulkan call, and only of memory that is the layer's own. */
+void gn_shaders_read_left(struct gn_device *device);
 /* What the module alone proves. */
 void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *shader);
 /* What was checked of a pipeline goes into the closing statement; and of shaders that never were in one. With the device locked. */

@@ -230,6 +230,21 @@ void gn_shaders_read(struct gn_device *device, bool lost, bool last)
     gn_report_flush(device->instance, &findings);
 }
 
+void gn_shaders_read_left(struct gn_device *device)
+{
+    bool own = device->shaders != NULL;
+    for (const struct gn_record_memory *memory = own ? device->shaders->memory : NULL; memory; memory = memory->next)
+        own &= memory->mapping != NULL;
+    /* Whoever has the lock will not give it back. */
+    if (!own || pthread_mutex_trylock(&device->lock) != 0)
+        return;
+    const struct gn_pipeline *pipeline;
+    for (size_t cursor = 0; (pipeline = gn_map_next(&device->shaders->pipelines, &cursor));)
+        gn_shader_state(device, pipeline);
+    pthread_mutex_unlock(&device->lock);
+    gn_shaders_read(device, false, true);
+}
+
 /* It has not happened yet, so it is no error yet. */
 void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *shader)
 {

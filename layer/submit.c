@@ -421,6 +421,13 @@ static struct gn_batch *batch_of_sparse(struct gn_device *device, const VkBindSp
     return batch;
 }
 
+/* What shaders left on a device that is lost is not certain any more, and nothing comes after it. */
+static void hear(struct gn_device *device, VkResult result)
+{
+    if (result == VK_ERROR_DEVICE_LOST)
+        gn_shaders_read(device, true, false);
+}
+
 /* A submission of any kind: `info` is one of the three, the others are NULL. */
 struct submission_info {
     const VkSubmitInfo *first;
@@ -464,6 +471,7 @@ static VkResult submit(VkQueue handle, uint32_t count, struct submission_info in
                       : info.second ? device->next.QueueSubmit2(handle, count, info.second, fence)
                                     : device->next.QueueBindSparse(handle, count, info.sparse, fence);
     replay_settle(&replay, result);
+    hear(device, result);
     gn_report_flush(device->instance, &findings);
     return result;
 }
@@ -553,6 +561,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_QueueWaitIdle(VkQueue handle)
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.QueueWaitIdle(handle);
+    hear(device, result);
     if (result == VK_SUCCESS) {
         gn_lock(device);
         struct gn_queue *queue = gn_map_get(&device->queues, (uint64_t)(uintptr_t)handle);
@@ -570,6 +579,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_DeviceWaitIdle(VkDevice handle)
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.DeviceWaitIdle(handle);
+    hear(device, result);
     if (result == VK_SUCCESS) {
         gn_lock(device);
         for (struct gn_queue *queue = device->first_queue; queue; queue = queue->next)
@@ -586,6 +596,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_WaitForFences(VkDevice handle, uint32_t 
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.WaitForFences(handle, count, fences, all, timeout);
+    hear(device, result);
     if (result == VK_SUCCESS) {
         gn_lock(device);
         for (uint32_t i = 0; i < count; i++)
@@ -600,6 +611,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_GetFenceStatus(VkDevice handle, VkFence 
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.GetFenceStatus(handle, fence);
+    hear(device, result);
     if (result == VK_SUCCESS) {
         gn_lock(device);
         gn_fence_seen(device, fence);

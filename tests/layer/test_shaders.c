@@ -4,6 +4,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 #include <yyjson.h>
@@ -325,6 +326,36 @@ static void cache(void **state)
     spoil(folder, true);
 }
 
+/* A process that ends right after it was submitted, or waits for nothing, has its records read all the same. */
+static void left_behind(void **state)
+{
+    char path[128];
+    uint64_t count;
+    (void)state;
+    snprintf(path, sizeof path, "/tmp/gnomon-left-%ld.jsonl", (long)getpid());
+    pid_t child = fork();
+    assert_true(child >= 0);
+    if (child == 0) {
+        const char *paths[] = {path};
+        VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths};
+        static struct world world;
+        ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = 1});
+        struct scene scene = scene_create(&world, 1);
+        struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, 1);
+        asker_run(&world, &asker, 1);
+        asker_run(&world, &asker, 1);
+        exit(0);
+    }
+    int status;
+    assert_int_equal(waitpid(child, &status, 0), child);
+    yyjson_doc *doc = log_read(path, AFTER_FALSE, &count);
+    yyjson_val *shaders = yyjson_obj_get(yyjson_obj_get(yyjson_doc_get_root(doc), "statement"), "shaders");
+    assert_int_equal(count, 2);
+    assert_string_equal(yyjson_get_str(yyjson_obj_get(yyjson_arr_get_first(shaders), "status")), "instrumented");
+    yyjson_doc_free(doc);
+    unlink(path);
+}
+
 static void proceed_limit(void **state)
 {
     static const struct {
@@ -421,6 +452,7 @@ int main(void)
         cmocka_unit_test(safe_mode),
         cmocka_unit_test(structures),
         cmocka_unit_test(cache),
+        cmocka_unit_test(left_behind),
         cmocka_unit_test(proceed_limit),
     };
     return cmocka_run_group_tests_name("layer.shaders", tests, NULL, NULL);
