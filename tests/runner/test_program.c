@@ -486,6 +486,61 @@ static void limits(void **state)
         free(lines[i]);
 }
 
+/* What a case came to, but for the time: one string for all cases of a run, in the order of their names. */
+static char *verdicts(const char *path)
+{
+    char *text = read_all(path), *rows[64], *joined = calloc(1, strlen(text) + 1);
+    size_t count = 0;
+    for (char *line = strtok(text, "\n"); line && count < 64; line = strtok(NULL, "\n")) {
+        yyjson_doc *doc = yyjson_read(line, strlen(line), 0);
+        yyjson_mut_doc *copy = yyjson_doc_mut_copy(doc, NULL);
+        yyjson_mut_val *root = yyjson_mut_doc_get_root(copy);
+        if (!yyjson_equals_str(yyjson_obj_get(yyjson_doc_get_root(doc), "name"), "summary")) {
+            yyjson_mut_obj_remove_key(root, "seconds");
+            yyjson_mut_obj_remove_key(root, "worker"); /* and where it was run */
+            yyjson_mut_obj_remove_key(root, "position");
+            rows[count++] = yyjson_mut_write(copy, 0, NULL);
+        }
+        yyjson_mut_doc_free(copy);
+        yyjson_doc_free(doc);
+    }
+    for (size_t i = 0; i < count; i++)
+        for (size_t j = i + 1; j < count; j++)
+            if (strcmp(rows[i], rows[j]) > 0) {
+                char *kept = rows[i];
+                rows[i] = rows[j];
+                rows[j] = kept;
+            }
+    for (size_t i = 0; i < count; i++) {
+        strcat(joined, rows[i]);
+        free(rows[i]);
+    }
+    free(text);
+    return joined;
+}
+
+/* Two runs with one seed give the same verdicts, errors and offenders, whoever runs which case. */
+static void same_seed_same_verdicts(void **state)
+{
+    (void)state;
+    static const char *const jobs[] = {"1", "3"}, *const folders[] = {"once", "again"};
+    char *found[2];
+    for (int i = 0; i < 2; i++) {
+        struct outcome outcome =
+            RUN("run", "query.random.scene_1", "pipeline.random.scene_2", "*.random.shared_1", "*.fan.3", "query.stages.*.mixed",
+                "*.relations.order.*", "pipeline.tables.records.stride_2_mixed", "--jobs", jobs[i], "--scale", "0.2", "--out",
+                folders[i]);
+        forget(&outcome);
+        char path[64];
+        snprintf(path, sizeof path, "%s/results.jsonl", folders[i]);
+        found[i] = verdicts(path);
+    }
+    assert_true(strlen(found[0]) > 1000);
+    assert_string_equal(found[0], found[1]);
+    free(found[0]);
+    free(found[1]);
+}
+
 static int make_folder(void **state)
 {
     (void)state;
@@ -507,6 +562,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(all_files),    cmocka_unit_test(isolation),    cmocka_unit_test(replay),
         cmocka_unit_test(expectations), cmocka_unit_test(interruption), cmocka_unit_test(killed_and_resumed),
         cmocka_unit_test(full_disk),    cmocka_unit_test(in_use),       cmocka_unit_test(limits),
+        cmocka_unit_test(same_seed_same_verdicts),
     };
     if (argc != 2) {
         fprintf(stderr, "usage: %s PROGRAM\n", argv[0]);
