@@ -11,7 +11,7 @@
 #include "checks/spirv/spirv.h"
 #include "cts/commands.h"
 
-enum { KEY_STATIC = 256, KEY_JSON, KEY_PROFILE, KEY_SET, KEY_BINDING, KEY_WITHOUT_PROOFS };
+enum { KEY_STATIC = 256, KEY_JSON, KEY_PROFILE, KEY_SET, KEY_BINDING, KEY_WITHOUT_PROOFS, KEY_LIMIT, KEY_RECURSION, KEY_PAYLOAD, KEY_ATTRIBUTE };
 
 static const struct argp_option options[] = {
     {"output", 'o', "OUT.spv", 0, "Where the module goes; a module without anything to check is copied", 0},
@@ -20,6 +20,10 @@ static const struct argp_option options[] = {
     {"profile", KEY_PROFILE, "NAME", 0, "API whose rules apply: vulkan (default), wgpu, webgpu-rt, diligent, hgi", 0},
     {"set", KEY_SET, "N", 0, "Descriptor set of the record buffer (default 7)", 0},
     {"binding", KEY_BINDING, "N", 0, "Binding of the record buffer (default 0)", 0},
+    {"proceed-limit", KEY_LIMIT, "N", 0, "Report a query that calls Proceed more often since its initialization", 0},
+    {"max-recursion", KEY_RECURSION, "N", 0, "The pipeline's maxPipelineRayRecursionDepth", 0},
+    {"max-payload", KEY_PAYLOAD, "BYTES", 0, "The pipeline's maxPipelineRayPayloadSize", 0},
+    {"max-attribute", KEY_ATTRIBUTE, "BYTES", 0, "The pipeline's maxPipelineRayHitAttributeSize", 0},
     {"without-proofs", KEY_WITHOUT_PROOFS, NULL, 0, "Check at run time also what is proved right, to measure what that costs", 0},
     {0}};
 
@@ -49,6 +53,13 @@ static error_t parse(int key, char *value, struct argp_state *state)
     case KEY_PROFILE:
         if (!gn_profile_parse(value, &arguments->spirv.profile))
             argp_error(state, "there is no profile '%s'", value);
+        break;
+    case KEY_LIMIT: arguments->spirv.proceed_limit = parse_number(state, value); break;
+    case KEY_PAYLOAD: arguments->spirv.max_payload = parse_number(state, value); break;
+    case KEY_ATTRIBUTE: arguments->spirv.max_attribute = parse_number(state, value); break;
+    case KEY_RECURSION:
+        arguments->spirv.recursion_known = true;
+        arguments->spirv.max_recursion = parse_number(state, value);
         break;
     case KEY_SET: arguments->spirv.set = parse_number(state, value); break;
     case KEY_BINDING: arguments->spirv.binding = parse_number(state, value); break;

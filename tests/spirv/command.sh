@@ -27,6 +27,12 @@ expect 0 'records go to set 3, binding 5' "$modules/run_generate.comp.spv" -o "$
 expect 0 'declined: the module itself uses set 0, binding 1' "$modules/run_generate.comp.spv" -o "$folder/same.spv" --set 0 --binding 1
 cmp "$modules/run_generate.comp.spv" "$folder/same.spv" || failures=$((failures + 1))
 expect 1 'query.committed.too_early' "$modules/committed_no_proceed.comp.spv" --static-only --profile wgpu
+expect 1 'trace.recursion' "$modules/trace_nested.rchit.spv" --static-only --max-recursion 1
+expect 0 'query.proceed.limit' "$modules/closest_good.comp.spv" --static-only --json --proceed-limit 5
+# The same words from another place and environment.
+expect 1 'instrumented' "$modules/proceed_after_loop.comp.spv" -o "$folder/here.spv"
+(cd / && env -i HOME=/nowhere LC_ALL=tr_TR.UTF-8 TZ=Asia/Tokyo "$gnomon" instrument "$modules/proceed_after_loop.comp.spv" -o "$folder/there.spv" >/dev/null)
+cmp "$folder/here.spv" "$folder/there.spv" || failures=$((failures + 1))
 expect 2 'expected -o OUT.spv' "$modules/closest_good.comp.spv"
 expect 2 'expected a SPIR-V module' -o "$folder/none.spv"
 expect 2 "there is no profile 'metal'" "$modules/closest_good.comp.spv" --static-only --profile metal
