@@ -62,6 +62,7 @@ struct flow {
     uint32_t *flag_of;          /* per id, plus 1; an id belongs to one function */
     uint64_t *loaded, *stored;  /* per id of a load, and of a variable: when, by the clock */
     uint64_t clock, walk_began;
+    uint64_t walks, most_walks; /* a module that is not valid may never settle */
     struct told *told, *edge_told, *join_told; /* per flag and object of the frame being processed */
     uint32_t objects;           /* of that frame */
     uint32_t known;             /* the condition of the edge being followed, 0 for none, and what it is */
@@ -636,8 +637,11 @@ static void branch(struct flow *flow, uint32_t f, const struct block *block)
         if (last->opcode == SpvOpBranchConditional && inst_word(module, last, 2) != inst_word(module, last, 3)) {
             /* A phi often takes the very condition that led to it. */
             const struct inst *made = definition_of(module, flow->known = inst_word(module, last, 1));
-            for (flow->known_truth = cursor == 2; made && made->opcode == SpvOpLogicalNot; flow->known_truth = !flow->known_truth)
+            flow->known_truth = cursor == 2;
+            for (int depth = 0; depth < 16 && made && made->opcode == SpvOpLogicalNot; depth++) {
                 made = definition_of(module, flow->known = inst_word(module, made, 3));
+                flow->known_truth = !flow->known_truth;
+            }
         }
         go(flow, f, block->id, to, flow->edge_cells);
         flow->known = 0;
@@ -722,7 +726,7 @@ static void process(struct flow *flow, uint32_t f)
             if (!frame->dirty[b])
                 continue;
             frame->dirty[b] = false;
-            if (frame->visited[b]) {
+            if (frame->visited[b] && flow->walks++ < flow->most_walks) {
                 again = true;
                 walk(flow, f, b);
             }
@@ -752,18 +756,23 @@ static void start(struct flow *flow)
     }
 }
 
+static enum gn_spirv_status anything_goes(struct analysis *analysis)
+{
+    analysis->module->alias = NULL;
+    for (uint32_t s = 0; s < analysis->site_count; s++) {
+        analysis->sites[s].states = STATES_ALL;
+        analysis->sites[s].reachable = true;
+    }
+    return GN_SPIRV_UNTOUCHED;
+}
+
 enum gn_spirv_status flow_run(struct analysis *analysis)
 {
     struct module *module = analysis->module;
     struct flow flow = {.analysis = analysis, .module = module};
     uint32_t cells = 1, variables = 1, flags = 1;
-    if (!affordable(analysis)) {
-        for (uint32_t s = 0; s < analysis->site_count; s++) {
-            analysis->sites[s].states = STATES_ALL;
-            analysis->sites[s].reachable = true;
-        }
-        return GN_SPIRV_UNTOUCHED;
-    }
+    if (!affordable(analysis))
+        return anything_goes(analysis);
     flow.frames = arena_alloc(module->arena, module->function_count + 1u, sizeof *flow.frames);
     flow.slot_of_object = arena_alloc(module->arena, analysis->object_count + 1u, sizeof *flow.slot_of_object);
     flow.slot_of_variable = arena_alloc(module->arena, module->bound, sizeof *flow.slot_of_variable);
@@ -795,17 +804,20 @@ enum gn_spirv_status flow_run(struct analysis *analysis)
         *tolds[i] = arena_alloc(module->arena, (size_t)flags * cells, sizeof **tolds[i]);
     if (!flow.cells || !flow.edge_cells || !flow.values || !flow.scratch || !flow.told || !flow.edge_told || !flow.join_told)
         return GN_SPIRV_OUT_OF_MEMORY;
+    flow.most_walks = 1000 + UINT64_C(200) * module->block_count;
     start(&flow);
     for (bool again = true; again;) {
         again = false;
         for (uint32_t f = 0; f < module->function_count; f++) {
-            if (!flow.frames[f].waiting)
+            if (!flow.frames[f].waiting || flow.walks > flow.most_walks)
                 continue;
             flow.frames[f].waiting = false;
             again = true;
             process(&flow, f);
         }
     }
+    if (flow.walks > flow.most_walks)
+        return anything_goes(analysis);
     flow.recording = true;
     for (uint32_t f = 0; f < module->function_count; f++) {
         if (!flow.frames[f].reached)
