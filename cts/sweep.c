@@ -24,10 +24,13 @@ void gn_sweep_make(const struct gn_sweep *sweep, uint32_t index, uint64_t seed, 
     sweep->make(&request, out);
 }
 
+/* As with gn_ray_count(): enough that the judged values of all sweeps come to a million rays in a run of scale 1. */
+#define BASE_FACTOR 1.25
+
 void gn_sweep_trace(struct gn_case_run *run, const struct gn_sweep *sweep, gn_sweep_tracer *tracer, void *user)
 {
     const uint64_t seed = gn_random_u64(&run->random);
-    double count = (double)sweep->ray_count * run->scale;
+    double count = (double)sweep->ray_count * BASE_FACTOR * run->scale;
     gn_case_curve_begin(run, sweep->parameter, sweep->unit, sweep->why, sweep->value_count);
     for (uint32_t i = 0; i < sweep->value_count; i++) {
         struct gn_arena arena = {0};

@@ -200,7 +200,7 @@ static void tracer_losing(struct gn_case_run *run, const struct gn_sweep_scene *
 
 static void run_losing(const struct gn_case *self, double at, struct gn_case_run *run)
 {
-    gn_case_run_begin(self, NULL, 1, 0.05, run);
+    gn_case_run_begin(self, NULL, 1, 0.04, run);
     gn_sweep_trace(run, self->params, tracer_losing, &at);
     gn_case_run_end(run);
 }
