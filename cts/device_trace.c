@@ -60,6 +60,8 @@ const char *gn_answer_fault(uint32_t kind)
         [9] = "the ray generation shader found other data in its record than what is there",
         [10] = "a payload changed that no shader wrote to, or a level of recursion did not return",
         [11] = "the size of the launch reads back differently",
+        [12] = "with TerminateOnFirstHit the ray query presented a candidate after a hit was committed",
+        [13] = "a ray query went on after it had been terminated",
     };
     if (kind <= GN_REF_ANSWER_GENERATED) {
         return NULL;

@@ -6,8 +6,9 @@
 #include "cts/run_options.h"
 
 /*
- * Runs the plan once without a fault and once with each whose name matches the pattern, with a fiftieth of the rays;
- * what is worse with the fault than without has caught it. Prints each fault with the families that caught it, then
+ * Runs the plan once without a fault, then with each whose name matches the pattern a sample of it (some cases of each
+ * family) and, where that notices nothing, the whole; with a fiftieth of the rays. What is worse with the fault than without
+ * has caught it. Prints each fault with the families that caught it, then
  * each family with what it alone caught, then `N passed, M failed`. Every run leaves its reports in OUT/FAULT.
  * Exit status 0 when every fault was caught, 1 when one was not, 2 when no fault matches or the layer is not there.
  */

@@ -2,7 +2,7 @@
 /*
  * Scenes in which no operation rounds: an answer other than the ideal one has no excuse there, however small the margin.
  *
- * Coordinates are small multiples of 1/8, transforms the identity, rays run along an axis and determinants are powers
+ * Coordinates are small multiples of 1/32, transforms the identity, rays run along an axis and determinants are powers
  * of two. Everything a test may compute on its way (differences, products, reciprocals, quotients) is an f32 number.
  */
 #include "cts/compose.h"
@@ -16,6 +16,7 @@ enum end { TMIN, TMAX };
 struct params {
     enum end end;
     bool candidates;
+    bool tilted; /* so that the boxes around the triangles do not end where these are met */
 };
 
 #define SPEC_OPEN                                                                                            \
@@ -68,7 +69,7 @@ static void triangles(struct gn_case_run *run, const struct gn_case *self)
     for (uint32_t i = 0; i < 6 * LAYERS; i++) {
         corners[i][0] = square[i % 6][0];
         corners[i][1] = square[i % 6][1];
-        corners[i][2] = 4.0 * (i / 6);
+        corners[i][2] = 4.0 * (i / 6) + (params->tilted ? corners[i][0] / 4 : 0);
         indices[i / 3][i % 3] = i;
     }
     struct gn_mesh mesh = {corners, 6 * LAYERS, indices, 2 * LAYERS};
@@ -83,7 +84,8 @@ static void triangles(struct gn_case_run *run, const struct gn_case *self)
             x = (gn_random_below(random, 61) - 30.0) / 8;
             y = (gn_random_below(random, 61) - 30.0) / 8;
         } while (x == y); /* the diagonal is an edge */
-        rays[i] = axis_ray(random, x, y, 4.0 * gn_random_below(random, LAYERS), (1 + gn_random_below(random, 31)) / 8.0);
+        const double z = 4.0 * gn_random_below(random, LAYERS) + (params->tilted ? x / 4 : 0);
+        rays[i] = axis_ray(random, x, y, z, (1 + gn_random_below(random, 31)) / 8.0);
         struct gn_ref_ray *ray = &rays[i].ray;
         if (params->end == TMIN) {
             ray->tmin = near_to(random, ray->tmin);
@@ -124,10 +126,13 @@ static void flat_boxes(struct gn_case_run *run, const struct gn_case *self)
 }
 
 static const struct gn_case cases[] = {
-    {.name = "exact.tmin", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMIN, false}},
-    {.name = "exact.tmax", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMAX, false}},
-    {.name = "exact.tmin_candidates", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMIN, true}},
-    {.name = "exact.tmax_candidates", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMAX, true}},
+    {.name = "exact.tmin", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMIN, false, false}},
+    {.name = "exact.tmax", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMAX, false, false}},
+    {.name = "exact.tmin_candidates", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMIN, true, false}},
+    {.name = "exact.tmax_candidates", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMAX, true, false}},
+    {.name = "exact.tmin_tilted", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMIN, false, true}},
+    {.name = "exact.tmax_tilted", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMAX, false, true}},
+    {.name = "exact.tmax_tilted_candidates", .spec = SPEC_OPEN, .run = triangles, .params = &(const struct params){TMAX, true, true}},
     {.name = "exact.flat_boxes", .spec = SPEC_BOX, .run = flat_boxes},
 };
 const struct gn_case_family gn_family_exact = {"exact", cases, sizeof cases / sizeof cases[0]};

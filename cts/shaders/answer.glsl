@@ -8,7 +8,8 @@
 
 /* Beyond GENERATED nothing was hit, but something went wrong: gn_answer_fault() in cts/device_trace.c has the words. */
 const uint NOTHING = 0, TRIANGLE = 1, GENERATED = 2, UNFINISHED = 3, UNTOUCHED = 4, CONTRADICTED = 5, ATTRIBUTE = 6,
-           HIT_KIND = 7, MISS_RECORD = 8, RAYGEN_RECORD = 9, RETURNED = 10, LAUNCH = 11;
+           HIT_KIND = 7, MISS_RECORD = 8, RAYGEN_RECORD = 9, RETURNED = 10, LAUNCH = 11,
+           WENT_ON = 12, NOT_ENDED = 13;
 
 const uint MAX_CANDIDATES = 64;
 

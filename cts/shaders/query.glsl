@@ -91,26 +91,64 @@ void candidate_decide(Ray ray)
     }
 }
 
-/* False when the driver did not come to an end. */
-bool query_decide_all(Ray ray)
+/* What went wrong, or NOTHING. */
+uint query_run(Ray ray)
 {
     for (uint steps = 0; steps < MAX_STEPS; steps++) {
         if (!rayQueryProceedEXT(query)) {
-            return true;
+            return NOTHING;
+        }
+        if ((ray.flags & gl_RayFlagsTerminateOnFirstHitEXT) != 0 &&
+            rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionNoneEXT) {
+            return WENT_ON;
         }
         candidate_decide(ray);
     }
-    return false;
+    return UNFINISHED;
+}
+
+/* False when the driver did not come to an end. */
+bool query_decide_all(Ray ray)
+{
+    return query_run(ray) == NOTHING;
+}
+
+/*
+ * Leaves the query as a shader may that lost interest: in the middle of a traversal, with a hit, and ended by hand. What
+ * is initialized afterwards must not show any of it. What went wrong, or NOTHING.
+ */
+uint query_abandon(Ray ray)
+{
+    const uint opacity = gl_RayFlagsOpaqueEXT | gl_RayFlagsCullOpaqueEXT | gl_RayFlagsCullNoOpaqueEXT;
+    Ray other = ray;
+    other.flags = (ray.flags & ~opacity) | gl_RayFlagsNoOpaqueEXT;
+    query_begin(other);
+    if (!rayQueryProceedEXT(query)) {
+        return NOTHING;
+    }
+    if (rayQueryGetIntersectionTypeEXT(query, false) == gl_RayQueryCandidateIntersectionTriangleEXT) {
+        rayQueryConfirmIntersectionEXT(query);
+    }
+    rayQueryTerminateEXT(query);
+    return rayQueryProceedEXT(query) ? NOT_ENDED : NOTHING;
 }
 
 /* The committed hit of a ray, whatever the stage. */
 Answer query_answer(Ray ray)
 {
-    query_begin(ray);
-    if (query_decide_all(ray)) {
+    uint fault = NOTHING;
+    /* A few rays are enough; their directions say which. */
+    if ((floatBitsToUint(ray.direction_x) & 63u) == 0) {
+        fault = query_abandon(ray);
+    }
+    if (fault == NOTHING) {
+        query_begin(ray);
+        fault = query_run(ray);
+    }
+    if (fault == NOTHING) {
         return answer_committed();
     }
     Answer answer = answer_nothing();
-    answer.kind = UNFINISHED;
+    answer.kind = fault;
     return answer;
 }
