@@ -305,7 +305,8 @@ static enum gn_device_status steps_check(struct gn_built_scene *built, const uin
                                          VkBuildAccelerationStructureFlagsKHR flags)
 {
     for (uint32_t i = 0; i < GN_CTS_MAX_STEPS && steps[i] != GN_CTS_STEP_END; i++) {
-        const bool updates = steps[i] == GN_CTS_STEP_REFIT || steps[i] == GN_CTS_STEP_REFIT_COPY;
+        const bool updates = steps[i] == GN_CTS_STEP_REFIT || steps[i] == GN_CTS_STEP_REFIT_COPY ||
+                             steps[i] == GN_CTS_STEP_REFIT_BACK;
         if (updates && !(flags & VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR)) {
             return gn_device_fail(built->device, GN_DEVICE_FAILED,
                                   "the scene is not valid: a refit needs ALLOW_UPDATE, the build flags are 0x%x", flags);
@@ -315,7 +316,7 @@ static enum gn_device_status steps_check(struct gn_built_scene *built, const uin
                                   "the scene is not valid: compaction needs ALLOW_COMPACTION, the build flags are 0x%x",
                                   flags);
         }
-        if (steps[i] > GN_CTS_STEP_SERIALIZE) {
+        if (steps[i] > GN_CTS_STEP_REFIT_BACK) {
             return gn_device_fail(built->device, GN_DEVICE_FAILED, "the scene is not valid: there is no step %u",
                                   steps[i]);
         }

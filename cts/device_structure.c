@@ -224,6 +224,7 @@ static enum gn_device_status phase_build(struct steps_run *run)
             poison(device, &structure->scratch);
             break;
         case GN_CTS_STEP_REFIT:
+        case GN_CTS_STEP_REFIT_BACK:
             poison(device, &structure->scratch);
             break;
         default:
@@ -236,14 +237,17 @@ static enum gn_device_status phase_build(struct steps_run *run)
         const enum gn_cts_step step = step_of(structure, run->step);
         switch (step) {
         case GN_CTS_STEP_REFIT:
+        case GN_CTS_STEP_REFIT_BACK:
         case GN_CTS_STEP_REFIT_COPY:
         case GN_CTS_STEP_REBUILD: {
-            VkAccelerationStructureBuildGeometryInfoKHR info = build_info(structure, &structure->final);
-            const VkAccelerationStructureBuildRangeInfoKHR *ranges = structure->final.ranges;
+            const struct gn_build_input *input =
+                step == GN_CTS_STEP_REFIT_BACK ? &structure->initial : &structure->final;
+            VkAccelerationStructureBuildGeometryInfoKHR info = build_info(structure, input);
+            const VkAccelerationStructureBuildRangeInfoKHR *ranges = input->ranges;
             if (step != GN_CTS_STEP_REBUILD) {
                 info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
                 info.srcAccelerationStructure =
-                    step == GN_CTS_STEP_REFIT ? structure->handle : structure->source;
+                    step == GN_CTS_STEP_REFIT_COPY ? structure->source : structure->handle;
             }
             device->CmdBuildAccelerationStructuresKHR(device->commands, 1, &info, &ranges);
             break;
@@ -495,7 +499,12 @@ enum gn_device_status gn_structures_build(struct gn_device *device, const struct
     if (status != GN_DEVICE_OK) {
         return status;
     }
-    gn_pool_poison(pools->initial);
+    bool again = false; /* whether the initial data will be read once more */
+    for (uint32_t i = 0; i < count; i++)
+        for (uint32_t s = 0; s < GN_CTS_MAX_STEPS && structures[i].steps[s] != GN_CTS_STEP_END; s++)
+            again = again || structures[i].steps[s] == GN_CTS_STEP_REFIT_BACK;
+    if (!again)
+        gn_pool_poison(pools->initial);
     for (run.step = 0; run.step < GN_CTS_MAX_STEPS; run.step++) {
         bool any = false;
         for (uint32_t i = 0; i < count; i++) {

@@ -24,6 +24,7 @@ enum gn_cts_step {
     GN_CTS_STEP_COMPACT, /* needs ALLOW_COMPACTION; the source is destroyed and its memory poisoned */
     GN_CTS_STEP_CLONE, /* likewise */
     GN_CTS_STEP_SERIALIZE, /* serialize, destroy and poison, deserialize */
+    GN_CTS_STEP_REFIT_BACK, /* update in place to the initial data; needs ALLOW_UPDATE, and a refit after it */
 };
 #define GN_CTS_MAX_STEPS 8
 

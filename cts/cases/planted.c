@@ -214,6 +214,29 @@ static void pointer_offset(struct gn_case_run *run, const struct gn_case *self)
     trace(run, &scene, UINT32_MAX, 4096);
 }
 
+/* What the device says of itself, against what is required of every implementation. */
+static void limits_required(struct gn_case_run *run, const struct gn_case *self)
+{
+    const VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits = &gn_device_info(run->device)->limits;
+    const uint32_t alignment = limits->minAccelerationStructureScratchOffsetAlignment;
+    (void)self;
+    const struct {
+        const char *name;
+        uint64_t found, least;
+    } list[] = {{"maxGeometryCount", limits->maxGeometryCount, (1u << 24) - 1},
+                {"maxInstanceCount", limits->maxInstanceCount, (1u << 24) - 1},
+                {"maxPrimitiveCount", limits->maxPrimitiveCount, (1u << 29) - 1},
+                {"maxPerStageDescriptorAccelerationStructures", limits->maxPerStageDescriptorAccelerationStructures, 16},
+                {"maxDescriptorSetAccelerationStructures", limits->maxDescriptorSetAccelerationStructures, 16}};
+    for (size_t i = 0; i < sizeof list / sizeof list[0]; i++)
+        gn_case_check(run, list[i].found >= list[i].least, "%s is %llu, at least %llu is required", list[i].name,
+                      (unsigned long long)list[i].found, (unsigned long long)list[i].least);
+    gn_case_check(run, alignment && alignment <= 256 && !(alignment & (alignment - 1)),
+                  "minAccelerationStructureScratchOffsetAlignment is %u, a power of two up to 256 is required", alignment);
+}
+
+#define SPEC_LIMITS                                                                                          \
+    "limits are at least (the scratch alignment at most) what is required (Vulkan: Limits, Required Limits)"
 #define SPEC_IDS "a primitive's id is its place in its geometry (Vulkan: PrimitiveId; Geometry)"
 #define SPEC_HALF                                                                                            \
     "vertices are the numbers that the format encodes, subnormal ones too (Vulkan: "                         \
@@ -250,6 +273,7 @@ static const struct gn_case cases[] = {
     SNORM("r8g8_snorm", VK_FORMAT_R8G8_SNORM),
     {.name = "planted.update_flags.in_place", .spec = SPEC_UPDATE_FLAGS, .run = update_flags, .value = GN_CTS_STEP_REFIT},
     {.name = "planted.update_flags.copy", .spec = SPEC_UPDATE_FLAGS, .run = update_flags, .value = GN_CTS_STEP_REFIT_COPY},
+    AFTER("update", 0, GN_CTS_STEP_REFIT_BACK, GN_CTS_STEP_REFIT),
     AFTER("clone", 0, GN_CTS_STEP_REFIT, GN_CTS_STEP_CLONE),
     AFTER("serialize", 0, GN_CTS_STEP_REFIT, GN_CTS_STEP_SERIALIZE),
     AFTER("compact", VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR, GN_CTS_STEP_REFIT, GN_CTS_STEP_COMPACT),
@@ -260,6 +284,7 @@ static const struct gn_case cases[] = {
     {.name = "planted.inactive_alone.corner_0", .spec = SPEC_INACTIVE, .run = inactive_alone, .value = 0},
     {.name = "planted.inactive_alone.corner_1", .spec = SPEC_INACTIVE, .run = inactive_alone, .value = 1},
     {.name = "planted.inactive_alone.corner_2", .spec = SPEC_INACTIVE, .run = inactive_alone, .value = 2},
+    {.name = "planted.limits", .spec = SPEC_LIMITS, .run = limits_required},
     {.name = "planted.box_geometries", .spec = SPEC_IDS, .run = box_geometries},
     {.name = "planted.pointers.16", .spec = SPEC_POINTERS, .run = pointer_offset, .value = 16},
     {.name = "planted.pointers.80", .spec = SPEC_POINTERS, .run = pointer_offset, .value = 80},
