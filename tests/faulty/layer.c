@@ -323,9 +323,15 @@ static VKAPI_ATTR void VKAPI_CALL entry_GetPhysicalDeviceProperties2(VkPhysicalD
     PFN_vkGetPhysicalDeviceProperties2 get = (PFN_vkGetPhysicalDeviceProperties2)next_instance_address(
         the_instance, "vkGetPhysicalDeviceProperties2");
     get(device, properties);
-    for (VkBaseOutStructure *out = properties->pNext; out && fault && fault->limits; out = out->pNext)
-        if (out->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR)
-            fault->limits((VkPhysicalDeviceAccelerationStructurePropertiesKHR *)out);
+    for (VkBaseOutStructure *out = properties->pNext; out; out = out->pNext)
+        if (out->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR) {
+            VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits =
+                (VkPhysicalDeviceAccelerationStructurePropertiesKHR *)out;
+            /* lavapipe 25.0 reports less than is required, which would hide a fault of it. */
+            limits->maxPrimitiveCount = (1u << 29) - 1;
+            if (fault && fault->limits)
+                fault->limits(limits);
+        }
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL entry_CreateInstance(const VkInstanceCreateInfo *info,
