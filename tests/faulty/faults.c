@@ -719,11 +719,13 @@ static void update_second_skipped(struct gn_fault_build *build)
     build->skip = gn_fault_is_update(build) && build->from == build->to && build->to && build->to->builds > 1;
 }
 
-/* A null pointer of the driver's own. */
+/* A null pointer of the driver's own, past any handler of a sanitizer: it is the process's end. */
 static void pointers_crash(struct gn_fault_build *build)
 {
-    if (is_tlas(build) && build->geometries[0].geometry.instances.arrayOfPointers)
-        raise(SIGSEGV);
+    if (!is_tlas(build) || !build->geometries[0].geometry.instances.arrayOfPointers)
+        return;
+    signal(SIGSEGV, SIG_DFL);
+    raise(SIGSEGV);
 }
 
 static void rebuild_skipped(struct gn_fault_build *build)
