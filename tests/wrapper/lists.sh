@@ -19,6 +19,7 @@ for file in gnomon .ci/Dockerfile .ci/run; do
     for package in $packages; do
         grep -q -w -e "$package" "$source/$file" && case $package in
         cmake | clang) [ "$file" != .ci/Dockerfile ] || fail "$file names $package itself" ;; # commands and presets of that name
+        mesa-vulkan-drivers) [ "$file" = gnomon ] || fail "$file names $package itself" ;; # what `driver add` brings of another suite
         *) fail "$file names $package itself" ;;
         esac
     done
