@@ -145,19 +145,31 @@ enum gn_built gn_as_built(const struct gn_as *as, uint32_t queue, uint64_t posit
     return best;
 }
 
+/* How well `as` fits as what an instance refers to: best is what was built before, and what may be of the bottom level beats what
+ * cannot be whatever is known of their builds, as long as both were built. */
+static unsigned fitness(const struct gn_as *as, enum gn_built built)
+{
+    unsigned order = built == GN_BUILT_BEFORE      ? 3
+                     : built == GN_BUILT_UNORDERED ? 2
+                     : built == GN_BUILT_SAME_CALL ? 1
+                                                   : 0;
+    return order ? order + (as->levels == GN_LEVEL_TOP ? 0 : 3) : 0;
+}
+
 /* Several structures may share an address: one that was destroyed since, one that was created since, or two that alias the same
  * memory. The reader is given the benefit of the doubt. */
 struct gn_as *gn_as_at(struct gn_device *device, uint64_t address, uint32_t queue, uint64_t position, const struct gn_clock *seen)
 {
     struct gn_as *found = NULL;
-    for (struct gn_as *as = gn_map_get(&device->addresses, address); as; as = as->same_address) {
+    unsigned best = 0;
+    for (struct gn_as *as = gn_map_get(&device->addresses, address); as && best < 6; as = as->same_address) {
         if (as->destroyed_at && as->destroyed_at < position)
             continue;
-        enum gn_built built = gn_as_built(as, queue, position, seen);
-        if (!found || (built != GN_BUILT_NEVER && built != GN_BUILT_LATER))
+        unsigned fits = fitness(as, gn_as_built(as, queue, position, seen));
+        if (!found || fits > best) {
             found = as;
-        if (built == GN_BUILT_BEFORE)
-            break;
+            best = fits;
+        }
     }
     return found;
 }

@@ -345,6 +345,28 @@ static void recycled_and_built(struct world *world)
     scene_destroy(&scene);
 }
 
+/* A BLAS and a TLAS that share memory in turns, both alive; the TLAS is the newer of the two. */
+static void aliased_by_tlas(struct world *world)
+{
+    struct scene scene = scene_create(world);
+    struct structure over = tlas_create(world, 1);
+    structure_destroy_handle(world, &over);
+    structure_destroy_handle(world, &scene.blas);
+    struct buffer own = scene.blas.storage;
+    assert_true(scene.blas.size <= over.size);
+    scene.blas.storage = over.storage;
+    structure_create_handle(world, &scene.blas, BLAS);
+    structure_create_handle(world, &over, VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR);
+    assert_true(scene.blas.address == over.address);
+    tlas_refer(&scene.tlas, 0, scene.blas.address);
+    run_build(world, &over);
+    run_build(world, &scene.blas);
+    run_build(world, &scene.tlas);
+    scene.blas.storage = own;
+    structure_destroy(world, &over);
+    scene_destroy(&scene);
+}
+
 static void recycled_not_built(struct world *world)
 {
     struct scene scene = scene_create(world);
@@ -1330,6 +1352,7 @@ static const struct scenario {
     SILENT(null_reference, "0 is an inactive instance")
     SILENT(no_instances, "an empty TLAS")
     SILENT(recycled_and_built, "the address now belongs to a built structure")
+    SILENT(aliased_by_tlas, "a newer TLAS at the address held something before the BLAS was built over it")
     FIRES(recycled_not_built, 1, "the former owner of the address was built, this one is not")
     SILENT(destroyed_before_it_is_judged, "it was built and alive when the device read it")
     SILENT(generic_type, "GENERIC is legal")
