@@ -133,6 +133,9 @@ enum gn_spirv_status flow_run(struct analysis *analysis);
 struct operand_verdict {
     uint64_t wrong, right;
 };
+/* The first word of the operation whose type is not the one that the checks read; 0 if all are. SPIRV-Tools does not ask this of every
+ * operation. */
+uint32_t operands_unfit(const struct module *module, const struct inst *inst, const struct operation *operation);
 struct operand_verdict operands_judge(const struct analysis *analysis, const struct inst *inst);
 /* The ray flags of an operation with a ray, if known. */
 bool operands_flags(const struct module *module, const struct inst *inst, uint32_t *out);

@@ -116,6 +116,18 @@ static uint32_t constant_element(const struct module *module, uint32_t type, con
     return opcode_of(module, type) == SpvOpTypeRayQueryKHR ? element : NONE;
 }
 
+/* Whether that many indices into the type lead to one query, all of them integers. */
+static bool leads_to_query(const struct module *module, uint32_t type, const uint32_t *indices, uint32_t count)
+{
+    for (uint32_t i = 0; i < count; i++) {
+        const struct inst *array = definition_of(module, type), *index = definition_of(module, indices[i]);
+        if (!array || array->opcode != SpvOpTypeArray || !index || opcode_of(module, index->type) != SpvOpTypeInt)
+            return false;
+        type = inst_word(module, array, 2);
+    }
+    return opcode_of(module, type) == SpvOpTypeRayQueryKHR;
+}
+
 uint32_t pointer_object(const struct analysis *analysis, uint32_t id)
 {
     uint32_t indices[MAX_INDICES], count = 0;
@@ -230,6 +242,10 @@ static bool uses_are_known(struct analysis *analysis)
             if (!call && !(operation && operation->query_word == w)) {
                 say(module, "the ray query %%%u is used by opcode %u at word %u, which this version does not follow",
                     root->id, inst->opcode, inst->offset);
+                return false;
+            }
+            if (!call && !leads_to_query(module, root->pointee, indices, count)) {
+                say(module, "%s at word %u is not given one ray query", operation->name, inst->offset);
                 return false;
             }
             if (call && count > 0) {
@@ -411,6 +427,12 @@ static enum gn_spirv_status find_sites(struct analysis *analysis)
             const struct operation *operation = operation_of(inst->opcode);
             if (!operation)
                 continue;
+            const uint32_t unfit = operands_unfit(module, inst, operation);
+            if (unfit) {
+                say(module, "word %u of %s at word %u is of a type that the operation does not take", unfit, operation->name,
+                    inst->offset);
+                return GN_SPIRV_DECLINED;
+            }
             struct site *site = &analysis->sites[analysis->site_count];
             *site = (struct site){.inst = i, .block = b, .operation = operation, .root = NONE, .object = NONE};
             if (operation->query_word)

@@ -177,6 +177,50 @@ struct ray_words ray_words_of(const struct operation *operation)
                               .payload = w + (motion ? 10 : 9)};
 }
 
+enum form { FORM_INTEGER, FORM_FLOAT, FORM_VECTOR };
+
+/* Of 32 bits, all. */
+static bool has_form(const struct module *module, uint32_t id, enum form form)
+{
+    const struct inst *value = definition_of(module, id), *type = value ? definition_of(module, value->type) : NULL;
+    if (form == FORM_VECTOR) {
+        if (!type || type->opcode != SpvOpTypeVector || inst_word(module, type, 3) != 3)
+            return false;
+        type = definition_of(module, inst_word(module, type, 2));
+    }
+    if (!type || inst_word(module, type, 2) != 32)
+        return false;
+    return form == FORM_INTEGER ? type->opcode == SpvOpTypeInt : type->opcode == SpvOpTypeFloat && type->count == 3;
+}
+
+uint32_t operands_unfit(const struct module *module, const struct inst *inst, const struct operation *operation)
+{
+    const enum operation_kind kind = operation->kind;
+    const struct ray_words ray = operation->ray_word ? ray_words_of(operation) : (struct ray_words){0};
+    /* 0 for the words that the operation does not have. */
+    const struct {
+        uint32_t word;
+        enum form form;
+    } read[] = {{ray.flags, FORM_INTEGER},
+                {ray.mask, FORM_INTEGER},
+                {ray.sbt_offset, FORM_INTEGER},
+                {ray.sbt_stride, FORM_INTEGER},
+                {ray.miss, FORM_INTEGER},
+                {ray.origin, FORM_VECTOR},
+                {ray.tmin, FORM_FLOAT},
+                {ray.direction, FORM_VECTOR},
+                {ray.tmax, FORM_FLOAT},
+                {ray.time, FORM_FLOAT},
+                {kind == OPERATION_GENERATE ? 2 : 0, FORM_FLOAT},
+                {kind == OPERATION_REPORT ? 3 : 0, FORM_FLOAT},
+                {kind == OPERATION_REPORT ? 4 : 0, FORM_INTEGER},
+                {kind == OPERATION_CALL ? 1 : 0, FORM_INTEGER}};
+    for (size_t i = 0; i < sizeof read / sizeof read[0]; i++)
+        if (read[i].word && !has_form(module, inst_word(module, inst, read[i].word), read[i].form))
+            return read[i].word;
+    return kind == OPERATION_PROCEED && opcode_of(module, inst->type) != SpvOpTypeBool ? 1 : 0;
+}
+
 /* The rules of a ray, in the numbers of Initialize. */
 static struct operand_verdict judge_ray(const struct module *module, const struct inst *inst, const struct ray_words *ray)
 {

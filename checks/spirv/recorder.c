@@ -9,14 +9,17 @@ static uint32_t version_of(const struct module *module)
     return module->words[1];
 }
 
-/* A variable of the module with that built-in decoration, or 0. */
+/* An input of the module with that built-in decoration, or 0. */
 static uint32_t find_builtin(const struct module *module, uint32_t builtin)
 {
     for (uint32_t i = 0; i < module->globals_end; i++) {
         const struct inst *inst = &module->insts[i];
         if (inst->opcode == SpvOpDecorate && inst->count == 4 && inst_word(module, inst, 2) == SpvDecorationBuiltIn &&
-            inst_word(module, inst, 3) == builtin && opcode_of(module, inst_word(module, inst, 1)) == SpvOpVariable)
-            return inst_word(module, inst, 1);
+            inst_word(module, inst, 3) == builtin) {
+            const struct inst *variable = definition_of(module, inst_word(module, inst, 1));
+            if (variable && variable->opcode == SpvOpVariable && inst_word(module, variable, 3) == SpvStorageClassInput)
+                return variable->result;
+        }
     }
     return 0;
 }
@@ -28,7 +31,8 @@ static uint32_t builtin_make(struct writer *writer, uint32_t builtin, uint32_t t
     if (found) {
         const struct inst *pointer = definition_of(writer->module, definition_of(writer->module, found)->type);
         uint32_t pointee = pointer ? inst_word(writer->module, pointer, 3) : 0;
-        bool integers = opcode_of(writer->module, pointee) == SpvOpTypeInt && type == type_uint(writer);
+        const struct inst *of = definition_of(writer->module, pointee);
+        bool integers = of && of->opcode == SpvOpTypeInt && inst_word(writer->module, of, 2) == 32 && type == type_uint(writer);
         return pointee == type || integers ? found : 0;
     }
     const struct words *made = &writer->decorations;

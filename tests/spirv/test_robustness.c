@@ -5,6 +5,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <spirv/unified1/spirv.h>
+
 #include "checks/spirv/records.h"
 #include "tests/spirv/modules.h"
 #include "tests/spirv/trial.h"
@@ -73,6 +75,42 @@ static void hostile_headers_are_refused(void **state)
     }
 }
 
+/* SPIRV-Tools does not ask every operation for the types of its operands, and may not be asked: what checks read they ask themselves. */
+static void operands_of_other_types_are_declined(void **state)
+{
+    static const struct {
+        const char *file;
+        uint32_t opcode, word, instead; /* the operand at `word` becomes that at `instead` */
+    } table[] = {
+        {"trace_motion_good.rgen", SpvOpTraceRayMotionNV, 2, 7},  /* flags: the origin */
+        {"trace_motion_good.rgen", SpvOpTraceRayMotionNV, 6, 8},  /* miss index: tmin */
+        {"trace_motion_good.rgen", SpvOpTraceRayMotionNV, 7, 8},  /* origin: tmin */
+        {"trace_motion_good.rgen", SpvOpTraceRayMotionNV, 11, 2}, /* time: flags */
+        {"trace_constants.rgen", SpvOpTraceRayKHR, 10, 1},        /* tmax: the structure */
+        {"initialize_flags.comp", SpvOpRayQueryInitializeKHR, 4, 5},
+        {"initialize_flags.comp", SpvOpRayQueryInitializeKHR, 8, 7},
+        {"report_good.rint", SpvOpReportIntersectionKHR, 3, 4},
+        {"report_good.rint", SpvOpReportIntersectionKHR, 4, 3},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        const struct gn_spirv_options options = {.without_validation = true};
+        struct gn_spirv_result result;
+        size_t count, at = 5;
+        uint32_t *words = module_load("plain", table[i].file, &count);
+        while (at < count && (words[at] & 0xFFFF) != table[i].opcode)
+            at += words[at] >> 16;
+        if (at >= count)
+            fail_msg("%s has no instruction %u", table[i].file, table[i].opcode);
+        words[at + table[i].word] = words[at + table[i].instead];
+        gn_spirv_instrument(words, count, &options, &result);
+        if (result.status != GN_SPIRV_DECLINED || !strstr(result.message, "of a type"))
+            fail_msg("%s, word %u: %s: %s", table[i].file, table[i].word, gn_spirv_status_name(result.status), result.message);
+        gn_spirv_result_finish(&result);
+        free(words);
+    }
+}
+
 static void records_are_not_trusted(void **state)
 {
     uint32_t words[GN_RECORDS_HEADER + GN_RECORDS_CHECK];
@@ -107,6 +145,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(the_model_loses_nothing),
         cmocka_unit_test(hostile_headers_are_refused),
+        cmocka_unit_test(operands_of_other_types_are_declined),
         cmocka_unit_test(records_are_not_trusted),
         cmocka_unit_test(mutations_never_crash),
     };
