@@ -16,6 +16,7 @@ int gn_command_instrument(int argc, char **argv);
 int gn_command_accuracy(int argc, char **argv);
 int gn_command_effects(int argc, char **argv);
 int gn_command_rules(int argc, char **argv);
+int gn_command_clauses(int argc, char **argv);
 int gn_command_layer(int argc, char **argv);
 
 /* The folder of the layer, beside that of this program; "" with a message on stderr if it is not there. */

@@ -25,6 +25,7 @@ static const struct {
     {"instrument", gn_command_instrument, "gnomon instrument", "judge one shader and write it with run-time checks"},
     {"layer", gn_command_layer, "gnomon layer", "run an application under the layer and judge its use of ray tracing"},
     {"rules", gn_command_rules, "gnomon rules", "list the layer's rules, with severity, remedy and sources"},
+    {"clauses", gn_command_clauses, "gnomon clauses", "list the statements of the API documents, and what holds each"},
     {"worker", gn_worker_main, "gnomon worker", NULL},
 };
 #define COMMAND_COUNT (sizeof commands / sizeof commands[0])

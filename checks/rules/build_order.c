@@ -52,7 +52,7 @@ const struct gn_rule gn_rule_tlas_blas_never_built = {
     .remedy = "Build the BLAS (or copy a built one into it) in an earlier command, with a barrier from its build to the "
               "TLAS build, or set the instance's accelerationStructureReference to 0 until it is built.",
     .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-06707",
-                "VUID-vkBuildAccelerationStructuresKHR-pInfos-03779", "WG-015", "WG-021", "WR-025"},
+                "VUID-vkBuildAccelerationStructuresKHR-pInfos-03779", "WG-015", "WG-021", "WR-025", "DE-024", "HG-017", "HG-020"},
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_TLAS_BUILD,
     .test.tlas_build = tlas_blas_never_built,

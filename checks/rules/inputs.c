@@ -65,7 +65,7 @@ const struct gn_rule gn_rule_input_beyond_buffer = {
                 "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-03806",
                 "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-03808",
                 "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-03811",
-                "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-03813", "WR-073"},
+                "VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-03813", "WR-073", "DE-054"},
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_INPUT,
     .test.input = input_beyond_buffer,

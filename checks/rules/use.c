@@ -42,7 +42,7 @@ const struct gn_rule gn_rule_use_never_built = {
     .text = "A TLAS that a shader traces rays through was built before, in the order of execution. This rule speaks where some invocation "
             "of the command certainly traces through it.",
     .remedy = "Submit the TLAS build before the trace, with a barrier between them.",
-    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017"},
+    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017", "DE-038", "HG-014"},
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_USE,
     .test.use = never_built,
@@ -93,7 +93,7 @@ const struct gn_rule gn_rule_use_blas_destroyed = {
             "speaks where some invocation of the command certainly traces through the TLAS.",
     .remedy = "Build the TLAS again without the BLAS, or with the address of the copy that replaces it (after compaction), before the old one "
               "is destroyed; keep the old one until the last trace through the old TLAS has completed.",
-    .sources = {"Vulkan: Top Level Acceleration Structures", "WG-018", "WG-020"},
+    .sources = {"Vulkan: Top Level Acceleration Structures", "WG-018", "WG-020", "WG-040"},
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_USE,
     .test.use = blas_destroyed,

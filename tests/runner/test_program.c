@@ -117,6 +117,7 @@ static void usage(void **state)
         {{"nosuch"}, 2, "there is no command 'nosuch'"},
         {{"worker"}, 2, "not for use by hand"},
         {{"run", "--help"}, 0, "--driver"},
+        {{"clauses", "nonsense"}, 2, "clauses takes no arguments"},
         {{"run", "--nonsense"}, 2, "nonsense"},
         {{"run", "--backend", "raster"}, 2, "found 'raster'"},
         {{"run", "--faults", "mask.*"}, 2, "goes with --selftest"},
@@ -158,6 +159,18 @@ static void list(void **state)
     assert_int_equal(strlen(all.err), 0);
     forget(&all);
     forget(&some);
+}
+
+/* Nothing that is asked of applications and drivers is left out, and the list names cases and clauses that exist. */
+static void clauses(void **state)
+{
+    struct outcome missing = RUN("clauses", "--missing"), all = RUN("clauses");
+    (void)state;
+    expect_status(&missing, 0, " 0 missing\n");
+    expect_status(&all, 0, "NG-031, undefined: ");
+    assert_non_null(strstr(all.out, "rules: query.use.uninitialized"));
+    forget(&missing);
+    forget(&all);
 }
 
 static void no_ray_tracing(void **state)
@@ -558,7 +571,8 @@ static int remove_folder(void **state)
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
-        cmocka_unit_test(usage),        cmocka_unit_test(list),         cmocka_unit_test(no_ray_tracing),
+        cmocka_unit_test(usage),        cmocka_unit_test(list),         cmocka_unit_test(clauses),
+        cmocka_unit_test(no_ray_tracing),
         cmocka_unit_test(all_files),    cmocka_unit_test(isolation),    cmocka_unit_test(replay),
         cmocka_unit_test(expectations), cmocka_unit_test(interruption), cmocka_unit_test(killed_and_resumed),
         cmocka_unit_test(full_disk),    cmocka_unit_test(in_use),       cmocka_unit_test(limits),
