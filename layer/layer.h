@@ -343,6 +343,7 @@ struct gn_query_pool {
 struct gn_recording {
     uint32_t references;
     bool simultaneous;
+    bool launches; /* something that shaders have to be told of (launch.c) */
     uint32_t command_count;
     struct gn_event *events;
     uint32_t count, capacity;
@@ -550,6 +551,9 @@ bool gn_buffer_has_usage(struct gn_device *device, uint64_t address, VkBufferUsa
 uint64_t gn_buffers_end(const struct gn_device *device, uint64_t address);
 /* Among those without build-input usage. */
 struct gn_buffer *gn_buffer_other(struct gn_device *device, uint64_t address, uint64_t size);
+
+/* launch.c; with the device locked: the queue runs traces whose shaders were told of them. */
+void gn_launch_executed(struct gn_device *device, uint32_t queue);
 
 /* capture.c; with the device locked. */
 void gn_copies_init(struct gn_copies *copies);

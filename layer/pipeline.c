@@ -7,6 +7,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <spirv/unified1/spirv.h>
+
 /* Memory that a call to the next layer reads; of a deferred operation, it has to stay. */
 struct gn_deferred {
     struct gn_deferred *next;
@@ -90,7 +92,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShaderModule(VkDevice handle, cons
 {
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.CreateShaderModule(handle, info, allocator, out);
-    struct gn_shader *shader = result == VK_SUCCESS ? gn_shader_of(device, info->pCode, info->codeSize, GN_SHADER_JUDGED, NULL) : NULL;
+    struct gn_shader *shader = result == VK_SUCCESS ? gn_shader_of(device, info->pCode, info->codeSize, GN_SHADER_JUDGED, NULL, NULL) : NULL;
     if (result == VK_SUCCESS)
         gn_uses_module_created(device, *out, info);
     struct gn_module *module = result == VK_SUCCESS && shader ? calloc(1, sizeof *module) : NULL;
@@ -127,12 +129,19 @@ static enum gn_shader_way way_of(bool mirrored)
     return mirrored ? GN_SHADER_MIRRORED : GN_SHADER_INSTRUMENTED;
 }
 
-/* Another module in the place of the application's, which was made before anything was known of the sets that it will read. */
-static void stage_replace(struct change *change, const struct gn_module *module, bool mirrored,
+/* What is known of a pipeline before its stages are looked at. */
+struct around {
+    bool mirrored;
+    struct gn_ray_facts facts;
+};
+
+/* Another module in the place of the application's, which was made before anything was known of the pipeline. */
+static void stage_replace(struct change *change, const struct gn_module *module, const struct around *around,
                           VkPipelineShaderStageCreateInfo *stage, struct gn_stage *out, bool *out_changed)
 {
     struct gn_device *device = change->device;
-    struct gn_shader *shader = gn_shader_of(device, module->words, module->bytes, way_of(mirrored), module->shader);
+    struct gn_shader *shader =
+        gn_shader_of(device, module->words, module->bytes, way_of(around->mirrored), &around->facts, module->shader);
     if (!shader || !shader->result.words)
         return;
     VkShaderModuleCreateInfo info = {.sType = VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO,
@@ -152,7 +161,8 @@ static void stage_replace(struct change *change, const struct gn_module *module,
 }
 
 /* What the stage runs. Where the stage has a module of its own that has to be another one, `stage` is changed. */
-static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCreateInfo *stage, bool mirrored, bool *out_changed)
+static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCreateInfo *stage, const struct around *around,
+                                  bool *out_changed)
 {
     struct gn_device *device = change->device;
     struct gn_stage out = {.stage = stage->stage};
@@ -164,8 +174,8 @@ static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCr
             out.module_name = module->name ? strdup(module->name) : NULL;
         }
         gn_unlock(device);
-        if (module && module->words && !device->shaders->options.static_only)
-            stage_replace(change, module, mirrored, stage, &out, out_changed);
+        if (module && module->words && (around->facts.known || !device->shaders->options.static_only))
+            stage_replace(change, module, around, stage, &out, out_changed);
         return out;
     }
     const VkShaderModuleCreateInfo *own = gn_chain_find(stage->pNext, VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
@@ -173,7 +183,7 @@ static struct gn_stage stage_look(struct change *change, VkPipelineShaderStageCr
         gn_tally_unjudged(device, GN_UNJUDGED_shader_identifiers, 1);
         return out;
     }
-    out.shader = gn_shader_of(device, own->pCode, own->codeSize, way_of(mirrored), NULL);
+    out.shader = gn_shader_of(device, own->pCode, own->codeSize, way_of(around->mirrored), &around->facts, NULL);
     if (!out.shader || !out.shader->result.words)
         return out;
     struct gn_chain_copy *storage = change_alloc(change, 1, sizeof *storage);
@@ -198,10 +208,11 @@ struct plan {
     const VkPipelineLibraryCreateInfoKHR *libraries;
 };
 
-static bool plan_make(struct change *change, struct plan *plan, VkPipelineLayout layout, uint32_t count,
+static bool plan_make(struct change *change, struct plan *plan, VkPipelineLayout layout, struct gn_ray_facts facts, uint32_t count,
                       const VkPipelineShaderStageCreateInfo *stages)
 {
-    bool any = false, mirrored = gn_layout_mirrored(change->device, layout);
+    const struct around around = {gn_layout_mirrored(change->device, layout), facts};
+    bool any = false;
     plan->create = stages;
     VkPipelineShaderStageCreateInfo *copies = change_alloc(change, count, sizeof *copies);
     plan->stages = change_alloc(change, count, sizeof *plan->stages);
@@ -210,7 +221,7 @@ static bool plan_make(struct change *change, struct plan *plan, VkPipelineLayout
     plan->count = count;
     for (uint32_t i = 0; i < count; i++) {
         copies[i] = stages[i];
-        plan->stages[i] = stage_look(change, &copies[i], mirrored, &any);
+        plan->stages[i] = stage_look(change, &copies[i], &around, &any);
     }
     if (any)
         plan->create = copies;
@@ -258,6 +269,8 @@ static void plan_done(struct gn_device *device, struct plan *plan, uint64_t hand
                 plan->stages[i].module_name = NULL;
             }
         pipeline->stage_count += library_stages(device, plan->libraries, pipeline->stages + pipeline->stage_count);
+        for (uint32_t i = 0; i < pipeline->stage_count; i++)
+            pipeline->asks_launch |= pipeline->stages[i].shader->asks_launch;
         struct gn_pipeline *old = gn_map_take(&device->shaders->pipelines, map_key(handle, is_object));
         if (old)
             pipeline_free(old);
@@ -283,6 +296,24 @@ static void look_for_binaries(struct gn_device *device, const void *chain)
         gn_tally_unjudged(device, GN_UNJUDGED_shader_binaries, 1);
 }
 
+static const struct gn_ray_facts no_rays;
+
+/* A library says the same as the pipelines that link it. */
+static struct gn_ray_facts facts_of(const VkRayTracingPipelineCreateInfoKHR *info)
+{
+    const VkPipelineCreateFlags2 flags = gn_rays_flags(info);
+    struct gn_ray_facts facts = {.known = 1, .recursion = info->maxPipelineRayRecursionDepth};
+    if (info->pLibraryInterface) {
+        facts.payload = info->pLibraryInterface->maxPipelineRayPayloadSize;
+        facts.attribute = info->pLibraryInterface->maxPipelineRayHitAttributeSize;
+    }
+    if (flags & VK_PIPELINE_CREATE_2_RAY_TRACING_SKIP_AABBS_BIT_KHR)
+        facts.forbidden |= SpvRayFlagsSkipTrianglesKHRMask;
+    if (flags & VK_PIPELINE_CREATE_2_RAY_TRACING_SKIP_TRIANGLES_BIT_KHR)
+        facts.forbidden |= SpvRayFlagsSkipAABBsKHRMask;
+    return facts;
+}
+
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, VkPipelineCache cache, uint32_t count,
                                                                const VkComputePipelineCreateInfo *infos,
                                                                const VkAllocationCallbacks *allocator, VkPipeline *out)
@@ -295,7 +326,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, 
     for (uint32_t i = 0; plans && copies && i < count; i++) {
         look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
-        if (plan_make(&change, &plans[i], infos[i].layout, 1, &infos[i].stage)) {
+        if (plan_make(&change, &plans[i], infos[i].layout, no_rays, 1, &infos[i].stage)) {
             copies[i].stage = *plans[i].create;
             any = true;
         }
@@ -327,7 +358,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle,
         look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
         plans[i].libraries = gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_PIPELINE_LIBRARY_CREATE_INFO_KHR);
-        if (has_stages && infos[i].pStages && plan_make(&change, &plans[i], infos[i].layout, infos[i].stageCount, infos[i].pStages)) {
+        if (has_stages && infos[i].pStages &&
+            plan_make(&change, &plans[i], infos[i].layout, no_rays, infos[i].stageCount, infos[i].pStages)) {
             copies[i].pStages = plans[i].create;
             any = true;
         }
@@ -355,7 +387,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice ha
         look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
         plans[i].libraries = infos[i].pLibraryInfo;
-        if (infos[i].pStages && plan_make(&change, &plans[i], infos[i].layout, infos[i].stageCount, infos[i].pStages)) {
+        if (infos[i].pStages &&
+            plan_make(&change, &plans[i], infos[i].layout, facts_of(&infos[i]), infos[i].stageCount, infos[i].pStages)) {
             copies[i].pStages = plans[i].create;
             any = true;
         }
@@ -409,7 +442,8 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateShadersEXT(VkDevice handle, uint32
             continue;
         }
         stages[i].shader = gn_shader_of(device, infos[i].pCode, infos[i].codeSize,
-                                        way_of(gn_set_layouts_mirrored(device, infos[i].setLayoutCount, infos[i].pSetLayouts)), NULL);
+                                        way_of(gn_set_layouts_mirrored(device, infos[i].setLayoutCount, infos[i].pSetLayouts)), NULL,
+                                        NULL);
         if (stages[i].shader && stages[i].shader->result.words) {
             copies[i].pCode = stages[i].shader->result.words;
             copies[i].codeSize = stages[i].shader->result.word_count * 4;

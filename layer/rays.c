@@ -39,7 +39,7 @@ static enum gn_group_kind kind_of(const VkRayTracingPipelineCreateInfoKHR *info,
     }
 }
 
-static VkPipelineCreateFlags2 flags_of(const VkRayTracingPipelineCreateInfoKHR *info)
+VkPipelineCreateFlags2 gn_rays_flags(const VkRayTracingPipelineCreateInfoKHR *info)
 {
     const VkPipelineCreateFlags2CreateInfo *wide = gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_PIPELINE_CREATE_FLAGS_2_CREATE_INFO);
     return wide ? wide->flags : info->flags;
@@ -113,7 +113,7 @@ void gn_rays_created(struct gn_device *device, uint32_t count, const VkRayTracin
             *rays = (struct gn_rays){.id = ++device->ray_ids,
                                      .handle = pipelines[i],
                                      .references = 1,
-                                     .flags = flags_of(info),
+                                     .flags = gn_rays_flags(info),
                                      .handle_size = device->ray_limits.shaderGroupHandleSize,
                                      .group_count = groups};
             uint32_t g = 0;

@@ -414,6 +414,8 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
     struct gn_device *device = replay->device;
     uint32_t command = 0;
     uint64_t position = 0;
+    if (recording->launches)
+        gn_launch_executed(device, replay->queue->id);
     for (uint32_t i = 0; i < recording->count; i++) {
         struct gn_event *event = &recording->events[i];
         if (event->secondary) {

@@ -84,7 +84,7 @@ static void check_part(struct subject *subject, enum gn_sbt_part part, const VkS
         demand(subject, GN_DEMAND_SBT_RANGE, size_names[part], end - region->deviceAddress, region->size, NULL, NULL);
 }
 
-static struct gn_sbt_region region_of(enum gn_sbt_part part, const VkStridedDeviceAddressRegionKHR *in, uint32_t handle_size)
+struct gn_sbt_region gn_sbt_region_of(enum gn_sbt_part part, const VkStridedDeviceAddressRegionKHR *in, uint32_t handle_size)
 {
     struct gn_sbt_region region = {.address = in->deviceAddress, .stride = in->stride};
     if (!in->deviceAddress || in->size < handle_size)
@@ -186,7 +186,7 @@ void gn_sbt_trace(struct gn_device *device, VkCommandBuffer handle, const VkStri
         *sbt = (struct gn_sbt_capture){.command = command, .rays = rays, .runs = invocations != UINT64_MAX};
         rays->references++;
         for (int part = 0; part < GN_SBT_PARTS; part++)
-            sbt->regions[part] = region_of((enum gn_sbt_part)part, parts[part], rays->handle_size);
+            sbt->regions[part] = gn_sbt_region_of((enum gn_sbt_part)part, parts[part], rays->handle_size);
         sbt->use = gn_use_make(device, commands, GN_BIND_RAYS, command, sbt->runs);
         event.capture = prepare(device, commands, sbt, &copies);
         if (event.capture)

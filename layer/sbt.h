@@ -43,6 +43,7 @@ struct gn_sbt_capture {
 /* Called by pipeline.c, without any lock; not for deferred operations that have not ended. */
 void gn_rays_created(struct gn_device *device, uint32_t count, const VkRayTracingPipelineCreateInfoKHR *infos,
                      const VkPipeline *pipelines);
+VkPipelineCreateFlags2 gn_rays_flags(const VkRayTracingPipelineCreateInfoKHR *info);
 void gn_rays_destroyed(struct gn_device *device, VkPipeline pipeline);
 void gn_rays_bound(struct gn_device *device, VkCommandBuffer commands, VkPipelineBindPoint point, VkPipeline pipeline);
 /* With the device locked. */
@@ -54,6 +55,8 @@ void gn_sbt_trace(struct gn_device *device, VkCommandBuffer handle, const VkStri
                   const char *command, uint64_t invocations);
 /* The table lies in memory that is not read. */
 void gn_sbt_unread(struct gn_device *device);
+/* The records of a region that hold a whole handle. */
+struct gn_sbt_region gn_sbt_region_of(enum gn_sbt_part part, const VkStridedDeviceAddressRegionKHR *region, uint32_t handle_size);
 /* With the device locked: what the trace reads when it is executed; and the judgement once it has completed. */
 void gn_sbt_executed(struct gn_sbt_capture *sbt);
 void gn_sbt_judge(struct gn_device *device, const struct gn_capture *capture, const char *place, struct gn_findings *out);

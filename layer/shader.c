@@ -100,8 +100,18 @@ static const char *stage_problem(const struct gn_shaders *shaders, const uint32_
     return problem;
 }
 
+/* What a trace has to be told about is only asked where the module does not decide it. */
+static bool asks_launch(const struct gn_spirv_result *result)
+{
+    const uint64_t asking = UINT64_C(1) << GN_SPIRV_RULE_CALL_RANGE | UINT64_C(1) << GN_SPIRV_RULE_TRACE_RECURSION;
+    for (uint32_t s = 0; result->words && s < result->site_count; s++)
+        if (result->sites[s].checked & ~result->sites[s].wrong & asking)
+            return true;
+    return false;
+}
+
 static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, const uint32_t *words, size_t count,
-                                     enum gn_shader_way way, const struct gn_shader *judged)
+                                     enum gn_shader_way way, const struct gn_ray_facts *facts, const struct gn_shader *judged)
 {
     struct gn_shader *shader = calloc(1, sizeof *shader);
     if (!shader)
@@ -117,11 +127,17 @@ static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, con
     if (problem)
         shader->passed_because = problem;
     options.static_only |= shader->passed_because != NULL || way == GN_SHADER_JUDGED;
+    options.recursion_known = facts->known;
+    options.max_recursion = facts->recursion;
+    options.max_payload = facts->payload;
+    options.max_attribute = facts->attribute;
+    options.forbidden_ray_flags = facts->forbidden;
     options.without_validation = judged && judged->result.status != GN_SPIRV_INVALID;
     shader->judged = judged;
     options.key = shader->key = key;
     const char *folder = device->shaders->stable && way != GN_SHADER_JUDGED ? device->instance->settings.shader_cache : NULL;
-    uint64_t entry = XXH3_64bits_withSeed(words, count * 4, device->shaders->seed ^ options.root ^ options.structures ^ options.static_only);
+    uint64_t entry = XXH3_64bits_withSeed(words, count * 4, device->shaders->seed ^ options.root ^ options.structures ^
+                                                                options.static_only ^ XXH3_64bits(facts, sizeof *facts));
     if (folder && gn_shader_cache_load(folder, entry, &shader->result)) {
         gn_tally_check(device, GN_CHECKED_shader_cache, 1);
     } else {
@@ -129,6 +145,7 @@ static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, con
         if (folder && shader->result.status <= GN_SPIRV_DECLINED)
             gn_shader_cache_store(folder, entry, &shader->result);
     }
+    shader->asks_launch = asks_launch(&shader->result);
     if (shader->result.check_count && !(shader->told = calloc(shader->result.check_count, sizeof *shader->told))) {
         shader_free(shader);
         return NULL;
@@ -154,19 +171,21 @@ static void tally(struct gn_device *device, const struct gn_shader *shader)
 }
 
 struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes, enum gn_shader_way way,
-                               struct gn_shader *judged)
+                               const struct gn_ray_facts *facts, struct gn_shader *judged)
 {
+    static const struct gn_ray_facts none;
+    facts = facts ? facts : &none;
     struct gn_shaders *shaders = device->shaders;
     if (!shaders || !words || bytes % 4 || !gn_spirv_has_queries(words, bytes / 4))
         return NULL;
-    uint64_t key = XXH3_64bits_withSeed(words, bytes, shaders->seed + way);
+    uint64_t key = XXH3_64bits_withSeed(words, bytes, XXH3_64bits_withSeed(facts, sizeof *facts, shaders->seed + way));
     key += !key;
     gn_lock(device);
     struct gn_shader *shader = gn_map_get(&shaders->shaders, key);
     gn_unlock(device);
     if (shader)
         return shader;
-    struct gn_shader *made = shader_make(device, key, words, bytes / 4, way, judged);
+    struct gn_shader *made = shader_make(device, key, words, bytes / 4, way, facts, judged);
     if (!made) {
         gn_tally_unjudged(device, GN_UNJUDGED_shaders_passed, 1);
         return NULL;
@@ -187,14 +206,14 @@ struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, 
         shader_free(made);
         made = NULL;
     }
+    shaders->asks_launch |= made && made->asks_launch;
     gn_unlock(device);
     if (!made) {
         gn_tally_unjudged(device, GN_UNJUDGED_shaders_passed, 1);
         return NULL;
     }
-    if (!judged) {
+    if (!judged)
         tally(device, made);
-        gn_shader_tell_static(device, made);
-    }
+    gn_shader_tell_static(device, made);
     return made;
 }

@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shaders that check themselves: what a device needs for them (shader_device.c), modules on their way to the driver (shader.c), the
- * pipelines made of them (pipeline.c), the cache on disk (cache.c), the memory they leave records in (shader_memory.c), and what is told of both (shader_report.c). */
+ * pipelines made of them (pipeline.c), the cache on disk (cache.c), what a trace tells them (launch.c), the memory they leave records in (shader_memory.c), and what is told of both (shader_report.c). */
 #ifndef GN_LAYER_SHADER_H
 #define GN_LAYER_SHADER_H
 
@@ -41,6 +41,7 @@ struct gn_shader {
     const char *passed_because;    /* why the device could not take the instrumented words; NULL: it could */
     const struct gn_shader *judged;/* the shader of the module that it was made for; NULL: of none */
     uint32_t model;                /* execution model of the first entry point */
+    bool asks_launch;              /* some check needs to know what is launched (launch.c) */
     uint32_t *records;             /* its record buffer as the host sees it; NULL if there are no checks */
     size_t record_words;
     uint64_t *told;                /* per check: how often it was told */
@@ -58,6 +59,11 @@ struct gn_shaders {
     struct gn_map modules;  /* struct gn_module by handle: those with queries or traces */
     struct gn_map pipelines;/* struct gn_pipeline by handle: the same, and shader objects */
     struct gn_record_memory *memory; /* newest first; the last holds the table */
+    VkBuffer root_buffer;   /* that the table is at the start of */
+    uint32_t depths, depth_count; /* words behind the table, one per launch index */
+    bool asks_launch;       /* some shader does */
+    bool launched, launch_unsure; /* on launch_queue; and on another one as well, so that what a launch was told may be another's */
+    uint32_t launch_queue;
     uint32_t *_Atomic root;
     atomic_uint fired;      /* of the table, when records were last read */
     atomic_bool again;      /* read once more, whatever the table says */
@@ -86,9 +92,18 @@ struct gn_stage {
 struct gn_pipeline {
     uint64_t handle;
     bool is_object; /* a shader object */
+    bool asks_launch; /* some stage does */
     char *name;
     uint32_t stage_count;
     struct gn_stage stages[];
+};
+
+/* What a ray-tracing pipeline says of its shaders; zeros for any other. */
+struct gn_ray_facts {
+    uint32_t known;
+    uint32_t recursion;         /* maxPipelineRayRecursionDepth */
+    uint32_t payload, attribute;/* sizes of its interface in bytes; 0: it has none */
+    uint32_t forbidden;         /* ray flags */
 };
 
 /* shader.c; without any lock. */
@@ -102,11 +117,17 @@ enum gn_shader_way {
 };
 /* `judged`: the same words as they were judged before, so that nothing is told twice; NULL if they were not. */
 struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, size_t bytes, enum gn_shader_way way,
-                               struct gn_shader *judged);
+                               const struct gn_ray_facts *facts, struct gn_shader *judged);
 
 /* cache.c: what was made of the words and options that `entry` stands for. A file that cannot be read or written is not there. */
 bool gn_shader_cache_load(const char *folder, uint64_t entry, struct gn_spirv_result *out);
 void gn_shader_cache_store(const char *folder, uint64_t entry, const struct gn_spirv_result *result);
+
+/* launch.c */
+/* Records what tells shaders about the trace that is recorded next; `callable` is NULL where that is not known. Without any lock. */
+void gn_launch_tell(struct gn_device *device, VkCommandBuffer commands, const VkStridedDeviceAddressRegionKHR *callable);
+/* Whether what a check counted rests on what was told, and that may have been of another launch. With the device locked. */
+bool gn_launch_unsure(const struct gn_device *device, const struct gn_spirv_site *site, enum gn_spirv_rule_index rule);
 
 /* pipeline.c; with the device locked. */
 void gn_pipelines_finish(struct gn_device *device);
@@ -135,7 +156,7 @@ const struct gn_as *gn_structure_by_id(struct gn_device *device, uint32_t id);
 void gn_shaders_read(struct gn_device *device, bool lost, bool last);
 /* The same at the end of a process that leaves its device behind: no Vulkan call, and only of memory that is the layer's own. */
 void gn_shaders_read_left(struct gn_device *device);
-/* What the module alone proves. */
+/* What the module alone proves, beyond what was proved of the one that it was made for. */
 void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *shader);
 /* What was checked of a pipeline goes into the closing statement; and of shaders that never were in one. With the device locked. */
 void gn_shader_state(struct gn_device *device, const struct gn_pipeline *pipeline);

@@ -8,10 +8,12 @@
 #include "layer/shader.h"
 
 #include <stdlib.h>
+#include <string.h>
 #include <sys/mman.h>
 
 #define TABLE_CAPACITY 16384u
 #define PIECE_BYTES ((size_t)8 << 20)
+#define DEPTHS ((size_t)4 << 20) /* launch indices whose depth of recursion is counted */
 #define STRIDE ((uintptr_t)64 << 20)
 #define PLACES 1024
 
@@ -75,7 +77,8 @@ static struct gn_record_memory *memory_create(struct gn_device *device, size_t b
     VkBufferCreateInfo buffer = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
                                  .pNext = import ? &external : NULL,
                                  .size = bytes,
-                                 .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT,
+                                 .usage = VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT |
+                                          VK_BUFFER_USAGE_TRANSFER_DST_BIT,
                                  .sharingMode = device->family_count > 1 ? VK_SHARING_MODE_CONCURRENT
                                                                          : VK_SHARING_MODE_EXCLUSIVE,
                                  .queueFamilyIndexCount = device->family_count,
@@ -137,12 +140,19 @@ bool gn_record_memory_begin(struct gn_device *device)
         return true;
     if (shaders->no_records)
         return false;
-    if (!device->next.GetBufferDeviceAddress || !memory_add(device, PIECE_BYTES)) {
+    /* At a depth of 1 there is nothing to count. */
+    size_t depths = device->ray_limits.maxRayRecursionDepth > 1 ? DEPTHS : 0;
+    if (!device->next.GetBufferDeviceAddress || !memory_add(device, PIECE_BYTES + depths * 4)) {
         shaders->no_records = "no host-visible memory with a device address was left for records";
         return false;
     }
-    shaders->memory->used = GN_ROOT_WORDS(TABLE_CAPACITY);
+    shaders->root_buffer = shaders->memory->buffer;
+    shaders->depths = GN_ROOT_WORDS(TABLE_CAPACITY);
+    shaders->depth_count = (uint32_t)depths;
+    shaders->memory->used = shaders->depths + depths;
     gn_root_reset(shaders->memory->words, TABLE_CAPACITY);
+    if (!shaders->memory->mapping) /* what is mapped afresh holds zeros */
+        memset(shaders->memory->words + shaders->depths, 0, depths * 4);
     atomic_store(&shaders->root, shaders->memory->words);
     shaders->options.root = shaders->memory->address;
     gn_mirrors_begin(device);

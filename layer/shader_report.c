@@ -102,9 +102,10 @@ static void add_vector(struct gn_text *text, const char *what, const uint32_t wo
                 (double)as_float(words[2]));
 }
 
-static void add_operands(struct gn_text *text, const char *operation, const uint32_t words[GN_RECORD_OPERANDS])
+static void add_operands(struct gn_text *text, const char *operation, enum gn_spirv_rule_index rule,
+                         const uint32_t words[GN_RECORD_OPERANDS])
 {
-    if (strstr(operation, "Initialize")) {
+    if (strstr(operation, "Initialize") || (rule >= GN_SPIRV_RULE_TRACE_NAN && rule <= GN_SPIRV_RULE_TRACE_MASK_BITS)) {
         gn_text_add(text, ", with flags 0x%x, mask 0x%x", words[0], words[1]);
         add_vector(text, "origin", words + 2);
         gn_text_add(text, ", tmin %.9g", (double)as_float(words[5]));
@@ -113,6 +114,12 @@ static void add_operands(struct gn_text *text, const char *operation, const uint
     } else if (strstr(operation, "GenerateIntersection") && (words[0] | words[1] | words[2])) {
         gn_text_add(text, ", with t %.9g, tmin %.9g, nearest t so far %.9g", (double)as_float(words[0]),
                     (double)as_float(words[1]), (double)as_float(words[2]));
+    } else if (rule == GN_SPIRV_RULE_TRACE_RECURSION && words[5]) {
+        gn_text_add(text, ", from depth %u where %u is the most", words[4], words[5]);
+    } else if (rule == GN_SPIRV_RULE_CALL_RANGE) {
+        gn_text_add(text, ", with index %u where the table has %u record%s", words[0], words[1], words[1] == 1 ? "" : "s");
+    } else if (rule == GN_SPIRV_RULE_REPORT_HIT_KIND || rule == GN_SPIRV_RULE_REPORT_NAN) {
+        gn_text_add(text, ", with t %.9g, hit kind %u", (double)as_float(words[0]), words[1]);
     }
 }
 
@@ -158,6 +165,11 @@ static void tell_check(struct gn_device *device, struct gn_shader *shader, uint3
     if (!gn_spirv_check_find(&shader->result, check, &site_index, &rule))
         return;
     const struct gn_spirv_site *site = &shader->result.sites[site_index];
+    if (gn_launch_unsure(device, site, rule)) {
+        gn_tally_unjudged(device, GN_UNJUDGED_launches, found->count - shader->told[check]);
+        shader->told[check] = found->count;
+        return;
+    }
     add_subject(&text, site);
     gn_text_add(&text, ": %s, at ", gn_shader_rule(rule)->title);
     add_place(&text, &site->place);
@@ -173,7 +185,7 @@ static void tell_check(struct gn_device *device, struct gn_shader *shader, uint3
         if (UINT64_C(1) << rule & OF_STRUCTURES)
             add_structure(device, &text, found->records[r].operands + (strstr(site->operation, "Initialize") ? 0 : 6));
         else
-            add_operands(&text, site->operation, found->records[r].operands);
+            add_operands(&text, site->operation, rule, found->records[r].operands);
         gn_text_add(&text, ".");
         break;
     }
@@ -245,6 +257,14 @@ void gn_shaders_read_left(struct gn_device *device)
     gn_shaders_read(device, false, true);
 }
 
+static bool found_before(const struct gn_shader *judged, const struct gn_spirv_finding *finding)
+{
+    for (uint32_t f = 0; judged && f < judged->result.finding_count; f++)
+        if (judged->result.findings[f].site == finding->site && judged->result.findings[f].rule == finding->rule)
+            return true;
+    return false;
+}
+
 /* It has not happened yet, so it is no error yet. */
 void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *shader)
 {
@@ -255,6 +275,9 @@ void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *sha
     gn_lock(device);
     for (uint32_t f = 0; f < shader->result.finding_count; f++) {
         const struct gn_spirv_finding *finding = &shader->result.findings[f];
+        /* How deep an untaken branch would go is no matter: the check tells when it is taken. */
+        if (found_before(shader->judged, finding) || finding->rule == GN_SPIRV_RULE_TRACE_RECURSION)
+            continue;
         const struct gn_spirv_site *site = &shader->result.sites[finding->site];
         enum gn_severity severity = finding->severity > GN_SEVERITY_WARNING ? GN_SEVERITY_WARNING : finding->severity;
         struct gn_text text = {0};

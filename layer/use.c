@@ -2,6 +2,7 @@
 /* Traces, dispatches and draws: which TLASes they read through their descriptors is recorded, and judged where they are executed
  * against what the TLAS holds and what has become of that. */
 #include "layer/sbt.h"
+#include "layer/shader.h"
 #include "layer/sync.h"
 
 #include <stdio.h>
@@ -170,6 +171,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysKHR(VkCommandBuffer handle, cons
         invocations = UINT64_MAX - 1;
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysKHR", invocations);
     gn_sbt_trace(device, handle, parts, "vkCmdTraceRaysKHR", invocations);
+    gn_launch_tell(device, handle, callable);
     device->next.CmdTraceRaysKHR(handle, raygen, miss, hit, callable, width, height, depth);
 }
 
@@ -184,6 +186,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysIndirectKHR(VkCommandBuffer hand
     const VkStridedDeviceAddressRegionKHR *const parts[] = {raygen, miss, hit, callable};
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysIndirectKHR", false);
     gn_sbt_trace(device, handle, parts, "vkCmdTraceRaysIndirectKHR", UINT64_MAX);
+    gn_launch_tell(device, handle, callable);
     device->next.CmdTraceRaysIndirectKHR(handle, raygen, miss, hit, callable, address);
 }
 
@@ -192,6 +195,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysIndirect2KHR(VkCommandBuffer han
     struct gn_device *device = gn_device_of(handle);
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysIndirect2KHR", false);
     gn_sbt_unread(device);
+    gn_launch_tell(device, handle, NULL);
     device->next.CmdTraceRaysIndirect2KHR(handle, address);
 }
 

@@ -419,7 +419,8 @@ static void gather_report(struct writer *writer, const struct site *site, struct
 static void gather_call(struct writer *writer, const struct site *site, struct gathered *gathered)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
-    uint32_t count = launch_callables(writer), known = both(writer, SpvOpINotEqual, count, constant_uint(writer, 0));
+    uint32_t told = launch_callables(writer), known = both(writer, SpvOpINotEqual, told, constant_uint(writer, 0));
+    uint32_t one = constant_uint(writer, 1), count = COMPUTE(writer, SpvOpISub, type_uint(writer), told, one);
     gathered->operands[0] = as_uint(writer, inst_word(writer->module, inst, 1));
     gathered->operands[1] = count;
     uint32_t beyond = both(writer, SpvOpUGreaterThanEqual, gathered->operands[0], count);

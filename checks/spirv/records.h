@@ -50,7 +50,7 @@ enum gn_record_word {
  * Depths have a word per launch index, x + width * (y + height * z), which is zero before the launch; two launches that
  * may run at once must not share them. */
 enum gn_launch_word {
-    GN_LAUNCH_CALLABLES = 2, /* records of the callable shader binding table */
+    GN_LAUNCH_CALLABLES = 2, /* records of the callable shader binding table, and 1 */
     GN_LAUNCH_DEPTHS,        /* word of this buffer at which the depths start */
     GN_LAUNCH_DEPTH_COUNT,   /* launch indices that have a depth */
     GN_LAUNCH_SCRATCH,       /* written by the device, means nothing */

@@ -95,7 +95,7 @@ bool records_prepare(struct writer *writer);
 /* Writes the function that checks call to leave a record, after the module's last function. */
 void records_function(struct writer *writer);
 
-/* What the host says of the launch that runs, see enum gn_launch_word: the number of callables, or 0. */
+/* What the host says of the launch that runs, see enum gn_launch_word: the number of callables and 1, or 0. */
 uint32_t launch_callables(struct writer *writer);
 /* Counts a trace within a shader that was itself invoked by one: the depth of that shader, or 0 where there is no count. Nothing but
  * the trace may come between entering and leaving. */

@@ -563,7 +563,7 @@ static void write_records(struct tracer *tracer, const struct program *program, 
     uint32_t *root = tracer->root.mapped;
     memset(root, 0, ROOT_WORDS * sizeof *root);
     gn_root_reset(root, ROOT_CAPACITY);
-    root[GN_LAUNCH_CALLABLES] = program->callables;
+    root[GN_LAUNCH_CALLABLES] = program->callables + 1;
     root[GN_LAUNCH_DEPTHS] = GN_ROOT_WORDS(ROOT_CAPACITY);
     root[GN_LAUNCH_DEPTH_COUNT] = LANES;
     for (uint32_t i = 0; i < program->stage_count; i++) {
@@ -573,7 +573,7 @@ static void write_records(struct tracer *tracer, const struct program *program, 
             continue;
         uint32_t *words = buffers[i].mapped;
         memcpy(words, stage->records, stage->record_words * 4);
-        words[GN_LAUNCH_CALLABLES] = program->callables;
+        words[GN_LAUNCH_CALLABLES] = program->callables + 1;
         words[GN_LAUNCH_DEPTHS] = (uint32_t)stage->record_words;
         words[GN_LAUNCH_DEPTH_COUNT] = LANES;
         if (stage->key)

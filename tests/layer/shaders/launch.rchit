@@ -1,0 +1,11 @@
+/* SPDX-License-Identifier: Apache-2.0 */
+#version 460
+#extension GL_GOOGLE_include_directive : require
+#include "launch.glsl"
+layout(location = 0) rayPayloadInEXT vec4 payload[2];
+void main()
+{
+    payload[0].x += 1;
+    if (payload[0].x < float(depth))
+        TRACE;
+}
