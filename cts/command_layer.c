@@ -45,8 +45,12 @@ static error_t parse(int key, char *value, struct argp_state *state)
             argp_error(state, "there is no profile '%s'", value);
         arguments->profile = value;
         break;
-    case KEY_LOG: arguments->log = value; break;
-    case KEY_SARIF: arguments->sarif = value; break;
+    case KEY_LOG:
+    case KEY_SARIF:
+        if (!*value)
+            argp_error(state, "%s: expected the name of a file, found an empty one", key == KEY_LOG ? "--log" : "--sarif");
+        *(key == KEY_LOG ? &arguments->log : &arguments->sarif) = value;
+        break;
     case KEY_PRINT_ENV: arguments->print_env = true; break;
     case ARGP_KEY_ARG:
         arguments->application = &state->argv[state->next - 1];

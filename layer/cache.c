@@ -38,6 +38,20 @@ static bool read_all(int file, unsigned char *data, size_t size)
     return true;
 }
 
+bool gn_shader_cache_usable(const char *folder, char *problem, size_t problem_size)
+{
+    struct stat about;
+    int failure = mkdir(folder, 0777) != 0 && errno != EEXIST       ? errno
+                  : stat(folder, &about) != 0                       ? errno
+                  : !S_ISDIR(about.st_mode)                         ? ENOTDIR
+                  : access(folder, R_OK | W_OK | X_OK) != 0         ? errno
+                                                                    : 0;
+    if (failure)
+        snprintf(problem, problem_size, "shader_cache: cannot keep files in \"%s\": %s. Every run instruments shaders anew.", folder,
+                 strerror(failure));
+    return !failure;
+}
+
 bool gn_shader_cache_load(const char *folder, uint64_t entry, struct gn_spirv_result *out)
 {
     char *path = path_of(folder, entry);
@@ -85,8 +99,6 @@ void gn_shader_cache_store(const char *folder, uint64_t entry, const struct gn_s
         beside = NULL;
         goto done;
     }
-    if (mkdir(folder, 0777) != 0 && errno != EEXIST)
-        goto done;
     int file = mkostemp(beside, O_CLOEXEC);
     if (file < 0)
         goto done;

@@ -16,6 +16,7 @@ struct gn_pipeline_layout {
 
 struct template_entry {
     uint32_t binding, element, count;
+    bool other; /* not structures, into a binding that may hold some */
     size_t offset, stride;
 };
 struct gn_update_template {
@@ -92,6 +93,20 @@ void gn_bound_free(struct gn_bound *bound)
     free(bound);
 }
 
+bool gn_binding_holds(const VkDescriptorSetLayoutCreateInfo *info, uint32_t index)
+{
+    VkDescriptorType type = info->pBindings[index].descriptorType;
+    const VkMutableDescriptorTypeCreateInfoEXT *lists =
+        type == VK_DESCRIPTOR_TYPE_MUTABLE_EXT
+            ? gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_MUTABLE_DESCRIPTOR_TYPE_CREATE_INFO_EXT)
+            : NULL;
+    bool holds = type == STRUCTURE;
+    if (lists && index < lists->mutableDescriptorTypeListCount)
+        for (uint32_t i = 0; i < lists->pMutableDescriptorTypeLists[index].descriptorTypeCount; i++)
+            holds |= lists->pMutableDescriptorTypeLists[index].pDescriptorTypes[i] == STRUCTURE;
+    return holds;
+}
+
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorSetLayout(VkDevice handle,
                                                                   const VkDescriptorSetLayoutCreateInfo *info,
                                                                   const VkAllocationCallbacks *allocator,
@@ -104,7 +119,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorSetLayout(VkDevice handl
     gn_mirror_plan_finish(&plan);
     uint32_t count = 0;
     for (uint32_t i = 0; i < info->bindingCount; i++)
-        count += info->pBindings[i].descriptorType == STRUCTURE;
+        count += gn_binding_holds(info, i);
     if (result != VK_SUCCESS || !count)
         return result;
     const VkDescriptorSetLayoutBindingFlagsCreateInfo *flags =
@@ -114,13 +129,17 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorSetLayout(VkDevice handl
     if (layout) {
         *layout = (struct gn_set_layout){.references = 1, .mirrored = mirrored};
         for (uint32_t i = 0; i < info->bindingCount; i++)
-            if (info->pBindings[i].descriptorType == STRUCTURE)
+            if (gn_binding_holds(info, i))
                 layout->bindings[layout->count++] = (struct gn_as_binding){
                     .binding = info->pBindings[i].binding,
                     .elements = info->pBindings[i].descriptorCount,
+                    .other = info->pBindings[i].descriptorType != STRUCTURE,
                     .partial = flags && i < flags->bindingCount &&
                                (flags->pBindingFlags[i] & VK_DESCRIPTOR_BINDING_PARTIALLY_BOUND_BIT)};
     }
+    for (uint32_t i = 0; layout && i < layout->count; i++)
+        if (layout->bindings[i].other)
+            atomic_store_explicit(&device->mutable_descriptors, true, memory_order_release);
     if (!layout || !gn_map_put(&device->set_layouts, (uint64_t)*out, layout)) {
         free(layout);
         gn_tally_lost(device);
@@ -328,7 +347,16 @@ static void set_slot(struct gn_set *set, uint32_t binding, struct gn_as *as)
         }
 }
 
-/* The structures written, starting with the binding's first element; what goes beyond its end fills the bindings after it. */
+static bool is_mutable(const struct gn_set_layout *layout, uint32_t binding)
+{
+    for (uint32_t i = 0; i < layout->count; i++)
+        if (layout->bindings[i].binding == binding)
+            return layout->bindings[i].other;
+    return false;
+}
+
+/* The structures written, starting with the binding's first element; what goes beyond its end fills the bindings after it. Without data,
+ * something else was written. */
 static void write_slots(struct gn_device *device, struct gn_set *set, uint32_t binding, uint32_t element, uint32_t count,
                         const char *data, size_t stride)
 {
@@ -341,9 +369,13 @@ static void write_slots(struct gn_device *device, struct gn_set *set, uint32_t b
             binding++;
             element = 0;
         }
-        VkAccelerationStructureKHR structure;
-        memcpy(&structure, data + i * stride, sizeof structure);
-        gn_mirror_write(set, binding, element, structure, gn_as_get(device, structure));
+        VkAccelerationStructureKHR structure = VK_NULL_HANDLE;
+        if (data)
+            memcpy(&structure, data + i * stride, sizeof structure);
+        if (data)
+            gn_mirror_write(set, binding, element, structure, gn_as_get(device, structure));
+        else
+            gn_mirror_clear(set, binding, element);
         if (element == 0)
             set_slot(set, binding, gn_as_get(device, structure));
     }
@@ -356,6 +388,8 @@ static void apply_write(struct gn_device *device, struct gn_set *set, const VkWr
     if (set && structures && write->descriptorType == STRUCTURE)
         write_slots(device, set, write->dstBinding, write->dstArrayElement, structures->accelerationStructureCount,
                     (const char *)structures->pAccelerationStructures, sizeof(VkAccelerationStructureKHR));
+    else if (set && write->descriptorType != STRUCTURE && is_mutable(set->layout, write->dstBinding))
+        write_slots(device, set, write->dstBinding, write->dstArrayElement, write->descriptorCount, NULL, 0);
 }
 
 static struct gn_as *slot_of(const struct gn_set *set, uint32_t binding)
@@ -371,7 +405,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_UpdateDescriptorSets(VkDevice handle, uint32
                                                          const VkCopyDescriptorSet *copies)
 {
     struct gn_device *device = gn_device_of(handle);
-    bool any = copy_count != 0;
+    bool all = atomic_load_explicit(&device->mutable_descriptors, memory_order_acquire), any = all || copy_count != 0;
     for (uint32_t i = 0; i < write_count; i++)
         any |= writes[i].descriptorType == STRUCTURE;
     device->next.UpdateDescriptorSets(handle, write_count, writes, copy_count, copies);
@@ -379,7 +413,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_UpdateDescriptorSets(VkDevice handle, uint32
         return;
     gn_lock(device);
     for (uint32_t i = 0; i < write_count; i++)
-        if (writes[i].descriptorType == STRUCTURE)
+        if (all || writes[i].descriptorType == STRUCTURE)
             apply_write(device, gn_map_get(&device->sets, (uint64_t)writes[i].dstSet), &writes[i]);
     for (uint32_t i = 0; i < copy_count; i++) {
         const VkCopyDescriptorSet *copy = &copies[i];
@@ -400,12 +434,14 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorUpdateTemplate(VkDevice 
     struct gn_device *device = gn_device_of(handle);
     VkResult result = device->next.CreateDescriptorUpdateTemplate(handle, info, allocator, out);
     uint32_t count = 0;
+    bool all = atomic_load_explicit(&device->mutable_descriptors, memory_order_acquire);
     for (uint32_t i = 0; i < info->descriptorUpdateEntryCount; i++)
-        count += info->pDescriptorUpdateEntries[i].descriptorType == STRUCTURE;
+        count += all || info->pDescriptorUpdateEntries[i].descriptorType == STRUCTURE;
     if (result != VK_SUCCESS || !count)
         return result;
     struct gn_update_template *made = calloc(1, sizeof *made + count * sizeof made->entries[0]);
     gn_lock(device);
+    const struct gn_set_layout *of = gn_map_get(&device->set_layouts, (uint64_t)info->descriptorSetLayout);
     if (made) {
         made->push = info->templateType == VK_DESCRIPTOR_UPDATE_TEMPLATE_TYPE_PUSH_DESCRIPTORS;
         made->point = info->pipelineBindPoint;
@@ -415,9 +451,10 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateDescriptorUpdateTemplate(VkDevice 
         made->layout = layout && info->set < layout->count ? layout_keep(layout->sets[info->set]) : NULL;
         for (uint32_t i = 0; i < info->descriptorUpdateEntryCount; i++) {
             const VkDescriptorUpdateTemplateEntry *entry = &info->pDescriptorUpdateEntries[i];
-            if (entry->descriptorType == STRUCTURE)
+            bool other = entry->descriptorType != STRUCTURE;
+            if (!other || (!made->push && of && is_mutable(of, entry->dstBinding)))
                 made->entries[made->count++] =
-                    (struct template_entry){entry->dstBinding, entry->dstArrayElement, entry->descriptorCount, entry->offset,
+                    (struct template_entry){entry->dstBinding, entry->dstArrayElement, entry->descriptorCount, other, entry->offset,
                                             entry->stride ? entry->stride : sizeof(VkAccelerationStructureKHR)};
         }
     }
@@ -449,7 +486,7 @@ static void apply_template(struct gn_device *device, struct gn_set *set, const s
 {
     for (uint32_t i = 0; set && i < known->count; i++)
         write_slots(device, set, known->entries[i].binding, known->entries[i].element, known->entries[i].count,
-                    (const char *)data + known->entries[i].offset, known->entries[i].stride);
+                    known->entries[i].other ? NULL : (const char *)data + known->entries[i].offset, known->entries[i].stride);
 }
 
 VKAPI_ATTR void VKAPI_CALL gn_entry_UpdateDescriptorSetWithTemplate(VkDevice handle, VkDescriptorSet set,

@@ -6,6 +6,7 @@
 
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 /* For the end of the process only. */
 static pthread_mutex_t living_lock = PTHREAD_MUTEX_INITIALIZER;
@@ -69,6 +70,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateInstance(const VkInstanceCreateInf
         goto fail;
 
     instance->handle = *out;
+    instance->process = getpid();
     instance->next.GetInstanceProcAddr = next_lookup;
 #define GN_INSTANCE_COMMAND(name) instance->next.name = (PFN_vk##name)next_lookup(*out, "vk" #name);
 #define GN_INSTANCE_USED(name) instance->next.name = (PFN_vk##name)next_lookup(*out, "vk" #name);
@@ -96,6 +98,9 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateInstance(const VkInstanceCreateInf
         if (!instance->sarif)
             gn_report_say(instance, GN_SEVERITY_WARNING, "settings", problem);
     }
+    if (instance->settings.shader_cache && instance->settings.shader_checks != GN_SHADERS_OFF &&
+        !gn_shader_cache_usable(instance->settings.shader_cache, problem, sizeof problem))
+        gn_report_say(instance, GN_SEVERITY_WARNING, "settings", problem);
     if (!gn_signals_watch(&instance->settings))
         gn_report_say(instance, GN_SEVERITY_WARNING, "settings",
                       "statement_signal: the application handles that signal itself. The layer leaves it alone.");
@@ -127,7 +132,8 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyInstance(VkInstance handle, const VkA
     if (!instance)
         return;
     leave_living(instance);
-    gn_report_close(instance, "the instance was destroyed");
+    if (instance->process == getpid())
+        gn_report_close(instance, "the instance was destroyed");
     gn_instance_forget(instance);
     instance->next.DestroyInstance(handle, allocator);
     instance_free(instance);
@@ -140,6 +146,8 @@ void gn_instances_close(const char *ending)
     size_t cursor = 0;
     struct gn_instance *instance;
     while ((instance = gn_map_next(&living, &cursor))) {
+        if (instance->process != getpid())
+            continue;
         pthread_mutex_lock(&instance->lock);
         instance->messenger_count = 0;
         pthread_mutex_unlock(&instance->lock);

@@ -12,6 +12,7 @@
 #include <stdbool.h>
 #include <stddef.h>
 #include <stdint.h>
+#include <sys/types.h>
 #include <vulkan/vk_layer.h>
 #include <vulkan/vulkan.h>
 
@@ -82,6 +83,7 @@ struct gn_sarif;
 
 struct gn_instance {
     VkInstance handle;
+    pid_t process; /* that created it: a child of fork has it too, and says nothing of it */
     void *key;
     struct gn_instance_next next;
     bool debug_utils; /* the application enabled VK_EXT_debug_utils */
@@ -449,6 +451,7 @@ struct gn_device {
     atomic_uint pending;     /* submissions that wait to be judged */
     atomic_bool traces;      /* some pipeline traces through a descriptor that is followed */
     atomic_bool ray_pipelines; /* there have been some */
+    atomic_bool mutable_descriptors; /* some binding holds acceleration structures or something else */
     atomic_bool incomplete;  /* the layer ran out of memory: it may have missed a build, and accuses nobody any more */
 
     pthread_mutex_t lock;    /* of everything below */

@@ -9,7 +9,6 @@
 #include <stdlib.h>
 #include <string.h>
 
-#define STRUCTURE VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR
 #define ALIGNMENT_WORDS 64u /* no device asks for more than 256 bytes */
 
 struct gn_mirror {
@@ -30,7 +29,7 @@ bool gn_mirror_plan_make(struct gn_device *device, const VkDescriptorSetLayoutCr
     VkShaderStageFlags stages = 0;
     *plan = (struct gn_mirror_plan){.info = *info};
     for (uint32_t i = 0; i < info->bindingCount; i++)
-        if (info->pBindings[i].descriptorType == STRUCTURE)
+        if (gn_binding_holds(info, i))
             stages |= info->pBindings[i].stageFlags;
     if (!stages || !device->shaders || device->shaders->options.static_only)
         return false;
@@ -169,6 +168,13 @@ void gn_mirror_write(struct gn_set *set, uint32_t binding, uint32_t element, VkA
     uint32_t *entry = entry_of(set, binding, element);
     if (entry)
         __atomic_store_n(entry, !handle ? GN_STRUCTURE_ID_NULL : as ? as->table_id : GN_STRUCTURE_ID_UNKNOWN, __ATOMIC_RELAXED);
+}
+
+void gn_mirror_clear(struct gn_set *set, uint32_t binding, uint32_t element)
+{
+    uint32_t *entry = entry_of(set, binding, element);
+    if (entry)
+        __atomic_store_n(entry, (uint32_t)GN_STRUCTURE_ID_UNWRITTEN, __ATOMIC_RELAXED);
 }
 
 void gn_mirror_copy(const struct gn_set *from, struct gn_set *to, const VkCopyDescriptorSet *copy)

@@ -120,6 +120,8 @@ struct gn_shader *gn_shader_of(struct gn_device *device, const uint32_t *words, 
                                const struct gn_ray_facts *facts, struct gn_shader *judged);
 
 /* cache.c: what was made of the words and options that `entry` stands for. A file that cannot be read or written is not there. */
+/* Makes the folder if it is not there. False with a message if files cannot be kept in it. */
+bool gn_shader_cache_usable(const char *folder, char *problem, size_t problem_size);
 bool gn_shader_cache_load(const char *folder, uint64_t entry, struct gn_spirv_result *out);
 void gn_shader_cache_store(const char *folder, uint64_t entry, const struct gn_spirv_result *result);
 

@@ -41,6 +41,7 @@ void gn_uses_pipeline_destroyed(struct gn_device *device, VkPipeline pipeline);
 struct gn_as_binding {
     uint32_t binding, elements;
     bool partial; /* it may hold nothing */
+    bool other;   /* it may hold something else: a mutable descriptor */
 };
 struct gn_set_layout {
     uint32_t references;
@@ -64,6 +65,9 @@ void gn_set_release(struct gn_set *set);
 bool gn_layout_mirrored(struct gn_device *device, VkPipelineLayout layout);
 bool gn_set_layouts_mirrored(struct gn_device *device, uint32_t count, const VkDescriptorSetLayout *layouts);
 
+/* Whether binding `index` of a layout can hold acceleration structures, as one of them or as a mutable descriptor. */
+bool gn_binding_holds(const VkDescriptorSetLayoutCreateInfo *info, uint32_t index);
+
 /* mirror.c. A layout with the binding of a mirror added; false if it has to stay as it is. To be finished in either case. */
 struct gn_mirror_plan {
     VkDescriptorSetLayoutCreateInfo info;
@@ -77,6 +81,8 @@ void gn_mirror_plan_finish(struct gn_mirror_plan *plan);
 void gn_mirror_attach(struct gn_device *device, struct gn_set *set);
 void gn_mirror_detach(struct gn_device *device, struct gn_set *set);
 void gn_mirror_write(struct gn_set *set, uint32_t binding, uint32_t element, VkAccelerationStructureKHR handle, const struct gn_as *as);
+/* Something else than a structure was written. */
+void gn_mirror_clear(struct gn_set *set, uint32_t binding, uint32_t element);
 void gn_mirror_copy(const struct gn_set *from, struct gn_set *to, const VkCopyDescriptorSet *copy);
 
 enum { GN_BIND_GRAPHICS, GN_BIND_COMPUTE, GN_BIND_RAYS, GN_BIND_COUNT };

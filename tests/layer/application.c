@@ -3,6 +3,7 @@
  *   right      builds a BLAS, then a TLAS
  *   wrong      builds the TLAS only
  *   leave      as wrong, but ends without destroying anything
+ *   fork       as wrong, with a child that ends at once and knows nothing of it
  *   abort      as wrong, and ends by abort()
  *   wait       as wrong, and waits to be terminated, having printed a line
  *   fail       as right, and ends with status 7 */
@@ -11,6 +12,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/wait.h>
 #include <unistd.h>
 
 int main(int argc, char **argv)
@@ -34,6 +36,12 @@ int main(int argc, char **argv)
     submit_and_wait(world, commands);
     if (strcmp(mode, "leave") == 0)
         exit(0);
+    if (strcmp(mode, "fork") == 0) {
+        pid_t child = fork();
+        if (child == 0)
+            exit(0);
+        waitpid(child, NULL, 0);
+    }
     if (strcmp(mode, "abort") == 0)
         abort();
     if (strcmp(mode, "wait") == 0) {

@@ -50,6 +50,10 @@ expect_text 'a profile' "$scratch/log" '"profile":"wgpu"'
 
 expect 'no end of the instance' 1 --log "$scratch/log" -- "$application" leave
 expect_text 'no end of the instance' "$scratch/log" '"ending":"the process ended without destroying the instance"'
+expect 'a child' 1 --log "$scratch/log" -- "$application" fork
+expect_text 'a child' "$scratch/err" '^gnomon layer: FAIL: 1 error, 0 warnings and 0 notes in '
+! grep -q damaged "$scratch/err" || fail "a child: $(cat "$scratch/err")"
+[ "$(grep -c '"statement"' "$scratch/log")" = 1 ] || fail "a child: expected 1 statement, found: $(cat "$scratch/log")"
 expect 'a crash' 1 --log "$scratch/log" -- "$application" abort
 expect_text 'a crash' "$scratch/err" ', which died of signal 6 '
 expect_text 'a crash' "$scratch/log" '"ending":"the process died of SIGABRT"'
@@ -62,6 +66,8 @@ expect 'no application' 2
 expect 'an application that is not there' 2 -- "$scratch/nosuch"
 expect 'an unknown profile' 2 --profile opengl -- true
 expect 'a log that cannot be written' 2 --log "$scratch/no/log" -- true
+expect 'a log without a name' 2 --log '' -- true
+expect_text 'a log without a name' "$scratch/err" '--log: expected the name of a file'
 expect 'a SARIF file that cannot be written' 2 --sarif "$scratch/no/sarif" -- true
 
 expect 'the variables' 0 --print-env --profile hgi --log "$scratch/a'log"

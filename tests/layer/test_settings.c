@@ -365,6 +365,7 @@ static void bad_values_are_named(void **state)
         {PREFIX "REPORT_STDERR", "maybe", "report_stderr: expected true or false, found \"maybe\""},
         {PREFIX "PROFILE", "vulkan,wgpu", "profile: expected one value, found 2"},
         {PREFIX "LOG_FILE", "/dev/null/log.jsonl", "log_file: cannot write \"/dev/null/log.jsonl\""},
+        {PREFIX "SHADER_CACHE", "/dev/null/cache", "shader_cache: cannot keep files in \"/dev/null/cache\": Not a directory"},
         {PREFIX "COLOUR", "blue", "\"" PREFIX "COLOUR\" in the environment is not a setting"},
     };
     (void)state;

@@ -167,6 +167,16 @@ static void branch_not_taken(struct world *world)
     scene_destroy(world, &scene);
 }
 
+/* The descriptor holds no TLAS any more when the command runs. */
+static void overwritten_by_a_buffer(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_MAYBE, TRACE_BY_MUTABLE);
+    structure_destroy_handle(world, &scene.blas);
+    tracer_refer_other(world, &scene.tracer);
+    trace(world, &scene, 1);
+    scene_destroy(world, &scene);
+}
+
 static void array_of_descriptors(struct world *world)
 {
     struct scene scene = scene_create(world, TRACE_ARRAY, TRACE_BY_WRITE);
@@ -254,6 +264,7 @@ static const struct {
     {"memory freed", "use.blas_destroyed_bound", 1, memory_gone},
     {"compacted away", "use.blas_destroyed", 1, compacted_away},
     {"a branch that is not taken", "use.blas_destroyed_bound", 1, branch_not_taken},
+    {"a mutable descriptor that holds a buffer by now", "use.blas_destroyed", 0, overwritten_by_a_buffer},
     {"an array of descriptors", "use.blas_destroyed", 0, array_of_descriptors},
     {"BLAS rebuilt", "use.blas_rebuilt", 1, rebuilt},
     {"BLAS rebuilt with the TLAS", "use.blas_rebuilt", 0, rebuilt_with_the_tlas},
@@ -271,7 +282,7 @@ static void every_row(void **state)
             continue;
         struct world *world = calloc(1, sizeof *world);
         print_message("    %s\n", rows[i].name);
-        world_init(world, NULL);
+        trace_world_init(world);
         world->rule = rows[i].rule;
         rows[i].run(world);
         expect_findings(world, rows[i].findings);

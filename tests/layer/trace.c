@@ -46,6 +46,15 @@ static void create_template(struct world *world, struct tracer *tracer)
     REQUIRE(vkCreateDescriptorUpdateTemplate(world->device, &info, NULL, &tracer->update));
 }
 
+void trace_world_init(struct world *world)
+{
+    const char *const extensions[] = {VK_EXT_MUTABLE_DESCRIPTOR_TYPE_EXTENSION_NAME};
+    VkPhysicalDeviceMutableDescriptorTypeFeaturesEXT features = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MUTABLE_DESCRIPTOR_TYPE_FEATURES_EXT, .mutableDescriptorType = VK_TRUE};
+    struct world_options options = {.extensions = extensions, .extension_count = 1, .features = &features};
+    world_init(world, &options);
+}
+
 struct tracer tracer_create(struct world *world, enum trace_shader shader, enum trace_way way)
 {
     static const struct {
@@ -53,12 +62,20 @@ struct tracer tracer_create(struct world *world, enum trace_shader shader, enum 
         size_t size;
     } shaders[TRACE_SHADERS] = {
         {always_spv, sizeof always_spv}, {maybe_spv, sizeof maybe_spv}, {array_spv, sizeof array_spv}};
+    static const VkDescriptorType types[] = {VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER};
+    static const VkMutableDescriptorTypeListEXT lists[] = {{2, types}, {0, NULL}};
+    const VkMutableDescriptorTypeCreateInfoEXT mutables = {.sType = VK_STRUCTURE_TYPE_MUTABLE_DESCRIPTOR_TYPE_CREATE_INFO_EXT,
+                                                           .mutableDescriptorTypeListCount = 2,
+                                                           .pMutableDescriptorTypeLists = lists};
     struct tracer tracer = {.way = way, .elements = shader == TRACE_ARRAY ? 2 : 1};
+    bool other = way == TRACE_BY_MUTABLE;
+    VkDescriptorType type = other ? VK_DESCRIPTOR_TYPE_MUTABLE_EXT : VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR;
     VkDescriptorSetLayoutBinding bindings[2] = {
-        {0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, tracer.elements, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
+        {0, type, tracer.elements, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
         {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL}};
     VkDescriptorSetLayoutCreateInfo layout = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
+        .pNext = other ? &mutables : NULL,
         .flags = pushes(way) ? VK_DESCRIPTOR_SET_LAYOUT_CREATE_PUSH_DESCRIPTOR_BIT_KHR : 0,
         .bindingCount = 2,
         .pBindings = bindings};
@@ -80,8 +97,9 @@ struct tracer tracer_create(struct world *world, enum trace_shader shader, enum 
                                         .layout = tracer.pipeline_layout};
     REQUIRE(vkCreateComputePipelines(world->device, VK_NULL_HANDLE, 1, &info, NULL, &tracer.pipeline));
     vkDestroyShaderModule(world->device, module, NULL);
-    VkDescriptorPoolSize sizes[2] = {{VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 4}, {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 4}};
+    VkDescriptorPoolSize sizes[2] = {{type, 4}, {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 4}};
     VkDescriptorPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
+                                       .pNext = other ? &mutables : NULL,
                                        .maxSets = 2,
                                        .poolSizeCount = 2,
                                        .pPoolSizes = sizes};
@@ -159,6 +177,14 @@ void tracer_refer(struct world *world, struct tracer *tracer, VkAccelerationStru
                                         .descriptorCount = i ? 1 : tracer->elements};
     if (copies)
         vkUpdateDescriptorSets(world->device, 0, NULL, 2, copy);
+}
+
+void tracer_refer_other(struct world *world, struct tracer *tracer)
+{
+    struct writes writes;
+    writes_fill(&writes, tracer, tracer->set, VK_NULL_HANDLE);
+    writes.list[1].dstBinding = 0;
+    vkUpdateDescriptorSets(world->device, 1, &writes.list[1], 0, NULL);
 }
 
 void commands_trace(struct world *world, VkCommandBuffer commands, struct tracer *tracer, VkAccelerationStructureKHR tlas,
