@@ -514,6 +514,7 @@ static void bind(struct gn_device *device, VkCommandBuffer handle, unsigned poin
         struct gn_set *set = sets ? gn_map_get(&device->sets, (uint64_t)sets[i]) : NULL;
         gn_set_release(bound->sets[point][first + i]);
         bound->sets[point][first + i] = set_keep(set);
+        bound->in_buffers[point] &= ~(UINT32_C(1) << (first + i));
         bound->changed[point] = true;
     }
     gn_unlock(device);
@@ -551,6 +552,39 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBindDescriptorSets2(VkCommandBuffer handl
     device->next.CmdBindDescriptorSets2(handle, info);
 }
 
+static void take_from_buffers(struct gn_device *device, VkCommandBuffer handle, unsigned point, uint32_t first, uint32_t count)
+{
+    gn_lock(device);
+    struct gn_command_buffer *commands = device->set_layouts.count ? gn_command_buffer_get(device, handle) : NULL;
+    struct gn_bound *bound = commands && point < GN_BIND_COUNT ? gn_bound_of(device, commands) : NULL;
+    for (uint32_t i = 0; bound && i < count && first < GN_MAX_SETS && i < GN_MAX_SETS - first; i++) {
+        gn_set_release(bound->sets[point][first + i]);
+        bound->sets[point][first + i] = NULL;
+        bound->in_buffers[point] |= UINT32_C(1) << (first + i);
+        bound->changed[point] = true;
+    }
+    gn_unlock(device);
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_CmdSetDescriptorBufferOffsetsEXT(VkCommandBuffer handle, VkPipelineBindPoint point,
+                                                                     VkPipelineLayout layout, uint32_t first, uint32_t count,
+                                                                     const uint32_t *buffers, const VkDeviceSize *offsets)
+{
+    struct gn_device *device = gn_device_of(handle);
+    take_from_buffers(device, handle, gn_bind_point(point), first, count);
+    device->next.CmdSetDescriptorBufferOffsetsEXT(handle, point, layout, first, count, buffers, offsets);
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_CmdSetDescriptorBufferOffsets2EXT(VkCommandBuffer handle,
+                                                                      const VkSetDescriptorBufferOffsetsInfoEXT *info)
+{
+    struct gn_device *device = gn_device_of(handle);
+    for (unsigned point = 0; point < GN_BIND_COUNT; point++)
+        if (has_point(info->stageFlags, point))
+            take_from_buffers(device, handle, point, info->firstSet, info->setCount);
+    device->next.CmdSetDescriptorBufferOffsets2EXT(handle, info);
+}
+
 /* The set that is pushed into. Each push makes a copy: what was recorded before keeps what it had. */
 static struct gn_set *pushed_set(struct gn_device *device, VkCommandBuffer handle, unsigned point,
                                  struct gn_set_layout *layout, uint32_t index)
@@ -566,6 +600,7 @@ static struct gn_set *pushed_set(struct gn_device *device, VkCommandBuffer handl
         set->slots[i] = gn_as_keep(old->slots[i]);
     gn_set_release(old);
     bound->sets[point][index] = set;
+    bound->in_buffers[point] &= ~(UINT32_C(1) << index);
     bound->changed[point] = true;
     return set;
 }

@@ -55,8 +55,10 @@ struct gn_use *gn_use_make(struct gn_device *device, const struct gn_command_buf
         const struct gn_static_use *wanted = &uses->uses[i];
         struct gn_set *set = wanted->set < GN_MAX_SETS ? bound->sets[point][wanted->set] : NULL;
         uint32_t slot = 0;
-        if (!set)
+        if (!set) {
+            use->in_buffers |= wanted->set < GN_MAX_SETS && (bound->in_buffers[point] >> wanted->set & 1);
             continue;
+        }
         if (!find_slot(set, wanted, &slot)) {
             use->left_out++;
             continue;
@@ -88,6 +90,7 @@ static void record(struct gn_device *device, VkCommandBuffer handle, unsigned po
     if (!(use = gn_use_make(device, commands, point, command, runs)))
         goto done;
     gn_tally_unjudged(device, GN_UNJUDGED_descriptor_arrays, use->left_out);
+    gn_tally_unjudged(device, GN_UNJUDGED_descriptor_buffers, use->in_buffers);
     struct gn_event event = {.kind = GN_EVENT_USE, .unjudged = GN_UNJUDGED_COUNT, .use = use};
     if (use->count)
         event.command = gn_command_buffer_next(commands);

@@ -92,6 +92,7 @@ enum { GN_BIND_GRAPHICS, GN_BIND_COMPUTE, GN_BIND_RAYS, GN_BIND_COUNT };
 struct gn_bound {
     struct gn_static_uses *uses[GN_BIND_COUNT];
     struct gn_set *sets[GN_BIND_COUNT][GN_MAX_SETS];
+    uint32_t in_buffers[GN_BIND_COUNT]; /* one bit per set that is in a descriptor buffer */
     bool changed[GN_BIND_COUNT]; /* since the last use that was recorded */
 };
 /* NULL without memory. */
@@ -110,6 +111,7 @@ struct gn_use_entry {
 struct gn_use {
     const char *command;
     uint32_t count, left_out; /* left out: arrays */
+    bool in_buffers;          /* some are in descriptor buffers */
     struct gn_use_entry entries[];
 };
 void gn_use_free(struct gn_use *use);

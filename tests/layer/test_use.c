@@ -41,7 +41,9 @@ static struct scene scene_create(struct world *world, enum trace_shader shader, 
     tlas_refer(&scene.tlas, 0, scene.blas.address);
     build(world, &scene.blas);
     build(world, &scene.tlas);
-    if (way != TRACE_BY_PUSH && way != TRACE_BY_PUSH_TEMPLATE)
+    if (way == TRACE_BY_BUFFER)
+        tracer_describe(world, &scene.tracer, scene.tlas.address);
+    else if (way != TRACE_BY_PUSH && way != TRACE_BY_PUSH_TEMPLATE)
         tracer_refer(world, &scene.tracer, scene.tlas.handle);
     return scene;
 }
@@ -282,7 +284,7 @@ static void every_row(void **state)
             continue;
         struct world *world = calloc(1, sizeof *world);
         print_message("    %s\n", rows[i].name);
-        trace_world_init(world);
+        trace_world_init(world, false);
         world->rule = rows[i].rule;
         rows[i].run(world);
         expect_findings(world, rows[i].findings);
@@ -291,8 +293,30 @@ static void every_row(void **state)
     }
 }
 
+/* What is not followed is said, whether something is wrong with it or not. */
+static void descriptor_buffers_are_named(void **state)
+{
+    (void)state;
+    for (int wrong = 0; wrong < 2; wrong++) {
+        struct world *world = calloc(1, sizeof *world);
+        trace_world_init(world, true);
+        world->rule = "use.blas_destroyed";
+        struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_BUFFER);
+        if (wrong)
+            structure_destroy_handle(world, &scene.blas);
+        trace(world, &scene, 1);
+        expect_findings(world, 0);
+        scene_destroy(world, &scene);
+        world_finish(world);
+        const struct message *statement = messages_find(world, "statement");
+        assert_non_null(statement);
+        assert_non_null(strstr(statement->text, "1 traces, dispatches and draws through descriptor buffers"));
+        free(world);
+    }
+}
+
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row), cmocka_unit_test(descriptor_buffers_are_named)};
     return cmocka_run_group_tests_name("use", tests, NULL, NULL);
 }

@@ -46,12 +46,17 @@ static void create_template(struct world *world, struct tracer *tracer)
     REQUIRE(vkCreateDescriptorUpdateTemplate(world->device, &info, NULL, &tracer->update));
 }
 
-void trace_world_init(struct world *world)
+void trace_world_init(struct world *world, bool creation_messenger)
 {
-    const char *const extensions[] = {VK_EXT_MUTABLE_DESCRIPTOR_TYPE_EXTENSION_NAME};
+    const char *const extensions[] = {VK_EXT_MUTABLE_DESCRIPTOR_TYPE_EXTENSION_NAME, VK_EXT_DESCRIPTOR_BUFFER_EXTENSION_NAME};
+    VkPhysicalDeviceDescriptorBufferFeaturesEXT buffers = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_DESCRIPTOR_BUFFER_FEATURES_EXT, .descriptorBuffer = VK_TRUE};
     VkPhysicalDeviceMutableDescriptorTypeFeaturesEXT features = {
-        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MUTABLE_DESCRIPTOR_TYPE_FEATURES_EXT, .mutableDescriptorType = VK_TRUE};
-    struct world_options options = {.extensions = extensions, .extension_count = 1, .features = &features};
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_MUTABLE_DESCRIPTOR_TYPE_FEATURES_EXT,
+        .pNext = &buffers,
+        .mutableDescriptorType = VK_TRUE};
+    struct world_options options = {
+        .extensions = extensions, .extension_count = 2, .features = &features, .creation_messenger = creation_messenger};
     world_init(world, &options);
 }
 
@@ -76,7 +81,9 @@ struct tracer tracer_create(struct world *world, enum trace_shader shader, enum 
     VkDescriptorSetLayoutCreateInfo layout = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
         .pNext = other ? &mutables : NULL,
-        .flags = pushes(way) ? VK_DESCRIPTOR_SET_LAYOUT_CREATE_PUSH_DESCRIPTOR_BIT_KHR : 0,
+        .flags = pushes(way)              ? VK_DESCRIPTOR_SET_LAYOUT_CREATE_PUSH_DESCRIPTOR_BIT_KHR
+                 : way == TRACE_BY_BUFFER ? VK_DESCRIPTOR_SET_LAYOUT_CREATE_DESCRIPTOR_BUFFER_BIT_EXT
+                                          : 0,
         .bindingCount = 2,
         .pBindings = bindings};
     REQUIRE(vkCreateDescriptorSetLayout(world->device, &layout, NULL, &tracer.layout));
@@ -90,6 +97,7 @@ struct tracer tracer_create(struct world *world, enum trace_shader shader, enum 
     VkShaderModule module;
     REQUIRE(vkCreateShaderModule(world->device, &code, NULL, &module));
     VkComputePipelineCreateInfo info = {.sType = VK_STRUCTURE_TYPE_COMPUTE_PIPELINE_CREATE_INFO,
+                                        .flags = way == TRACE_BY_BUFFER ? VK_PIPELINE_CREATE_DESCRIPTOR_BUFFER_BIT_EXT : 0,
                                         .stage = {.sType = VK_STRUCTURE_TYPE_PIPELINE_SHADER_STAGE_CREATE_INFO,
                                                   .stage = VK_SHADER_STAGE_COMPUTE_BIT,
                                                   .module = module,
@@ -108,12 +116,14 @@ struct tracer tracer_create(struct world *world, enum trace_shader shader, enum 
                                               .descriptorPool = tracer.pool,
                                               .descriptorSetCount = 1,
                                               .pSetLayouts = &tracer.layout};
-    if (!pushes(way)) {
+    if (!pushes(way) && way != TRACE_BY_BUFFER) {
         REQUIRE(vkAllocateDescriptorSets(world->device, &allocation, &tracer.set));
         REQUIRE(vkAllocateDescriptorSets(world->device, &allocation, &tracer.other));
     }
     if (way == TRACE_BY_TEMPLATE || way == TRACE_BY_PUSH_TEMPLATE)
         create_template(world, &tracer);
+    if (way == TRACE_BY_BUFFER)
+        tracer.descriptors = buffer_create(world, 4096, VK_BUFFER_USAGE_RESOURCE_DESCRIPTOR_BUFFER_BIT_EXT);
     tracer.hits = buffer_create(world, 8, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT);
     return tracer;
 }
@@ -126,6 +136,8 @@ void tracer_destroy(struct world *world, struct tracer *tracer)
     vkDestroyPipelineLayout(world->device, tracer->pipeline_layout, NULL);
     vkDestroyDescriptorSetLayout(world->device, tracer->layout, NULL);
     buffer_destroy(world, &tracer->hits);
+    if (tracer->descriptors.handle)
+        buffer_destroy(world, &tracer->descriptors);
 }
 
 struct writes {
@@ -154,6 +166,34 @@ static void writes_fill(struct writes *writes, const struct tracer *tracer, VkDe
                                              .descriptorCount = 1,
                                              .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
                                              .pBufferInfo = &writes->hits};
+}
+
+#define DEVICE_COMMAND(name) PFN_vk##name name = (PFN_vk##name)vkGetDeviceProcAddr(world->device, "vk" #name)
+
+void tracer_describe(struct world *world, struct tracer *tracer, VkDeviceAddress tlas)
+{
+    DEVICE_COMMAND(GetDescriptorSetLayoutBindingOffsetEXT);
+    DEVICE_COMMAND(GetDescriptorEXT);
+    VkPhysicalDeviceDescriptorBufferPropertiesEXT sizes = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_DESCRIPTOR_BUFFER_PROPERTIES_EXT};
+    VkPhysicalDeviceProperties2 properties = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_PROPERTIES_2, .pNext = &sizes};
+    vkGetPhysicalDeviceProperties2(world->physical, &properties);
+    VkDescriptorAddressInfoEXT hits = {
+        .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_ADDRESS_INFO_EXT, .address = tracer->hits.address, .range = tracer->hits.size};
+    const struct {
+        VkDescriptorType type;
+        VkDescriptorDataEXT data;
+        size_t size;
+    } bindings[] = {
+        {VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, {.accelerationStructure = tlas}, sizes.accelerationStructureDescriptorSize},
+        {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, {.pStorageBuffer = &hits}, sizes.storageBufferDescriptorSize}};
+    for (uint32_t i = 0; i < 2; i++) {
+        VkDeviceSize offset;
+        VkDescriptorGetInfoEXT info = {
+            .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_GET_INFO_EXT, .type = bindings[i].type, .data = bindings[i].data};
+        GetDescriptorSetLayoutBindingOffsetEXT(world->device, tracer->layout, i, &offset);
+        GetDescriptorEXT(world->device, &info, bindings[i].size, (char *)tracer->descriptors.mapped + offset);
+    }
 }
 
 void tracer_refer(struct world *world, struct tracer *tracer, VkAccelerationStructureKHR tlas)
@@ -194,14 +234,23 @@ void commands_trace(struct world *world, VkCommandBuffer commands, struct tracer
     struct data data = {{tlas, tlas}, {tracer->hits.handle, 0, VK_WHOLE_SIZE}};
     vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_COMPUTE, tracer->pipeline);
     if (tracer->way == TRACE_BY_PUSH) {
-        PFN_vkCmdPushDescriptorSetKHR push =
-            (PFN_vkCmdPushDescriptorSetKHR)vkGetDeviceProcAddr(world->device, "vkCmdPushDescriptorSetKHR");
+        DEVICE_COMMAND(CmdPushDescriptorSetKHR);
         writes_fill(&writes, tracer, VK_NULL_HANDLE, tlas);
-        push(commands, VK_PIPELINE_BIND_POINT_COMPUTE, tracer->pipeline_layout, 0, 2, writes.list);
+        CmdPushDescriptorSetKHR(commands, VK_PIPELINE_BIND_POINT_COMPUTE, tracer->pipeline_layout, 0, 2, writes.list);
     } else if (tracer->way == TRACE_BY_PUSH_TEMPLATE) {
-        PFN_vkCmdPushDescriptorSetWithTemplateKHR push = (PFN_vkCmdPushDescriptorSetWithTemplateKHR)vkGetDeviceProcAddr(
-            world->device, "vkCmdPushDescriptorSetWithTemplateKHR");
-        push(commands, tracer->update, tracer->pipeline_layout, 0, &data);
+        DEVICE_COMMAND(CmdPushDescriptorSetWithTemplateKHR);
+        CmdPushDescriptorSetWithTemplateKHR(commands, tracer->update, tracer->pipeline_layout, 0, &data);
+    } else if (tracer->way == TRACE_BY_BUFFER) {
+        DEVICE_COMMAND(CmdBindDescriptorBuffersEXT);
+        DEVICE_COMMAND(CmdSetDescriptorBufferOffsetsEXT);
+        VkDescriptorBufferBindingInfoEXT binding = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_BUFFER_BINDING_INFO_EXT,
+                                                    .address = tracer->descriptors.address,
+                                                    .usage = VK_BUFFER_USAGE_RESOURCE_DESCRIPTOR_BUFFER_BIT_EXT |
+                                                             VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
+        const uint32_t index = 0;
+        const VkDeviceSize offset = 0;
+        CmdBindDescriptorBuffersEXT(commands, 1, &binding);
+        CmdSetDescriptorBufferOffsetsEXT(commands, VK_PIPELINE_BIND_POINT_COMPUTE, tracer->pipeline_layout, 0, 1, &index, &offset);
     } else {
         vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_COMPUTE, tracer->pipeline_layout, 0, 1, &tracer->set, 0, NULL);
     }
