@@ -318,6 +318,7 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
     }
     const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, best->id);
     double t = best->s / flight->length;
+    double t_error = (best->s_error / flight->length + gn_ref_rounding_error(t)) * (1 + 0x1p-50);
     *out = (struct gn_ref_hit){
         .type = GN_REF_TRIANGLES,
         .instance = primitive->instance,
@@ -329,6 +330,9 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
         .gamma = best->gamma,
         .front = front,
         .opaque = opaque,
+        .t_error = t_error,
+        .t_exit_error = t_error,
+        .barycentric_error = best->barycentric_error,
     };
     return 1;
 }

@@ -8,6 +8,7 @@
  * have to be carried except the direction's, whose length t is measured in.
  */
 #include <math.h>
+#include <stdlib.h>
 #include <string.h>
 
 #include "reference/scene_internal.h"
@@ -425,23 +426,17 @@ void gn_ref_ratio_set_f64(struct gn_ref_ratio *out, double value)
     out->exponent = value == 0 ? 0 : exponent;
 }
 
-/* num / den * 2^exponent, den > 0, rounded towards zero (twice: the quotient to 66 bits, then to 53). */
-static double quotient(struct gn_ref_exact *exact, mpz_srcptr num, mpz_srcptr den, long exponent)
+/* 55 or 56 bits of the quotient, then a bit that says whether anything is left, are what the conversion rounds. */
+double gn_ref_quotient_f64(mpz_t scratch[3], mpz_srcptr numerator, mpz_srcptr denominator, long exponent)
 {
-    if (mpz_sgn(num) == 0)
+    if (mpz_sgn(numerator) == 0)
         return 0;
-    mpz_t *s = exact->scratch + 20;
-    long shift = 66 - ((long)mpz_sizeinbase(num, 2) - (long)mpz_sizeinbase(den, 2));
-    if (shift >= 0) {
-        mpz_mul_2exp(s[0], num, (mp_bitcnt_t)shift);
-        mpz_tdiv_q(s[1], s[0], den);
-    } else {
-        mpz_mul_2exp(s[0], den, (mp_bitcnt_t)-shift);
-        mpz_tdiv_q(s[1], num, s[0]);
-    }
-    signed long quotient_exponent;
-    double mantissa = mpz_get_d_2exp(&quotient_exponent, s[1]);
-    long total = quotient_exponent - shift + exponent;
+    long shift = 55 - ((long)mpz_sizeinbase(numerator, 2) - (long)mpz_sizeinbase(denominator, 2));
+    mpz_mul_2exp(scratch[0], shift >= 0 ? numerator : denominator, (mp_bitcnt_t)labs(shift));
+    mpz_tdiv_qr(scratch[1], scratch[2], shift >= 0 ? scratch[0] : numerator, shift >= 0 ? denominator : scratch[0]);
+    uint64_t bits = (uint64_t)mpz_get_ui(scratch[1]) << 1 | (mpz_sgn(scratch[2]) != 0);
+    double mantissa = mpz_sgn(numerator) < 0 ? -(double)bits : (double)bits;
+    long total = exponent - shift - 1;
     if (total > 2000)
         total = 2000;
     if (total < -2000)
@@ -451,7 +446,7 @@ static double quotient(struct gn_ref_exact *exact, mpz_srcptr num, mpz_srcptr de
 
 double gn_ref_ratio_f64(struct gn_ref_exact *exact, const struct gn_ref_ratio *a)
 {
-    return quotient(exact, a->numerator, a->denominator, a->exponent);
+    return gn_ref_quotient_f64(exact->scratch + 20, a->numerator, a->denominator, a->exponent);
 }
 
 struct gn_ref_interval gn_ref_ratio_interval(struct gn_ref_exact *exact, const struct gn_ref_ratio *a)
@@ -471,6 +466,6 @@ double gn_ref_exact_barycentric(struct gn_ref_exact *exact, int index)
     mpz_t *s = exact->scratch + 23;
     int sign = mpz_sgn(exact->edge[3]);
     mpz_abs(s[0], exact->edge[3]);
-    double value = quotient(exact, exact->edge[index], s[0], 0);
+    double value = gn_ref_quotient_f64(exact->scratch + 20, exact->edge[index], s[0], 0);
     return sign < 0 ? -value : value;
 }

@@ -12,9 +12,14 @@
  * (4 * 2 * 64 + 2 * 8 * 4 + 32) u^2 (D A)^2 and terms of u^4, less than
  *     E = 2^10 u^2 (D A)^2.
  * Nothing underflows: all numbers are multiples of 2^-894, and E is at least 2^-692 where A is not 0. Factors are below 2^230.
- * From there on it is as in certified.h: S = U + V + W is wrong by E_S = 4 E + 8 u |S|, a barycentric by
- *     f = 1.0625 (5.5 E + 10 u |S|) / |S| + 8 u
- * if E_S < |S| / 64, and s by f P + 4 u P + 4 u Z, P = |B_z - A_z| + |C_z - A_z| and Z the largest of |A_z|, |B_z|, |C_z|.
+ * S = U + V + W, all of one sign, is wrong by E_S = 3.5 E + 9 u^2 |S|, which has to be below |S| / 64; a quotient of pairs
+ * by 20 u^2 of itself. So a barycentric is wrong by
+ *     (4.5 E + 9 u^2 |S|) / (|S| - E_S) + 21 u^2 <= f = 4.8 E / |S| + 32 u^2,
+ * and u of itself from being rounded. s = A_z + b P + c Q, P = B_z - A_z and Q = C_z - A_z: A_z is wrong by 20 u^2 A, P and Q by
+ * 2 * 20 u^2 A + 4 u^2 2 A = 48 u^2 A. They are at most 2 A, the weights at most 1 together, so that the products add 8 u^2 2 A
+ * and the sums 4 u^2 2 A and 4 u^2 3 A. That is less than
+ *     f (|P| + |Q|) + 112 u^2 A,
+ * and u |s| from being rounded.
  */
 #include <math.h>
 
@@ -55,6 +60,14 @@ static struct pair pair_multiply(struct pair a, struct pair b)
 {
     struct pair p = pair_of_product(a.high, b.high);
     return pair_of_sum(p.high, p.low + (a.high * b.low + a.low * b.high));
+}
+
+/* b is not 0 */
+static struct pair pair_divide(struct pair a, struct pair b)
+{
+    double q = a.high / b.high;
+    struct pair rest = pair_add(a, pair_negate(pair_multiply((struct pair){q, 0}, b)));
+    return pair_of_sum(q, rest.high / b.high);
 }
 
 /* a b - c d */
@@ -106,16 +119,18 @@ bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn
         edge[i] = cross(x[j], y[k], y[j], x[k]);
     }
     double scale = flight->length * most * (1 + 0x1p-40), error = 0x1p-96 * scale * scale;
-    double sum = edge[0].high + edge[1].high + edge[2].high, size = fabs(sum);
-    if (!(4 * error + 8 * unit * size < size * (1.0 / 65)))
+    struct pair sum = pair_add(edge[0], pair_add(edge[1], edge[2]));
+    double size = fabs(sum.high), square = unit * unit;
+    if (!(3.5 * error + 9 * square * size < size * (1.0 / 65)))
         return false;
-    double f = 1.0625 * (5.5 * error + 10 * unit * size) / size + 8 * unit;
-    double p = pair_add(z[1], pair_negate(z[0])).high, q = pair_add(z[2], pair_negate(z[0])).high;
-    double extent = fabs(p) + fabs(q), farthest = fmax(fabs(z[0].high), fmax(fabs(z[1].high), fabs(z[2].high)));
-    candidate->beta = edge[1].high / sum;
-    candidate->gamma = edge[2].high / sum;
-    candidate->barycentric_error = f;
-    candidate->s = flight->sign * (z[0].high + (candidate->beta * p + candidate->gamma * q));
-    candidate->s_error = (f + 6 * unit) * extent + 6 * unit * farthest;
+    double f = 4.8125 * error / size + 32 * square;
+    struct pair b = pair_divide(edge[1], sum), c = pair_divide(edge[2], sum);
+    struct pair p = pair_add(z[1], pair_negate(z[0])), q = pair_add(z[2], pair_negate(z[0]));
+    struct pair s = pair_add(z[0], pair_add(pair_multiply(b, p), pair_multiply(c, q)));
+    candidate->beta = b.high;
+    candidate->gamma = c.high;
+    candidate->barycentric_error = f + unit * fmax(b.high, c.high);
+    candidate->s = flight->sign * s.high;
+    candidate->s_error = (f * (fabs(p.high) + fabs(q.high)) + 128 * square * most + unit * fabs(s.high)) * (1 + 0x1p-50);
     return gn_ref_candidate_accurate(candidate);
 }

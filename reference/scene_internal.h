@@ -5,6 +5,7 @@
 
 #include <fenv.h>
 #include <gmp.h>
+#include <math.h>
 
 #include "reference/effects.h"
 
@@ -260,7 +261,16 @@ int gn_ref_ratio_compare_f64(struct gn_ref_exact *exact, const struct gn_ref_rat
 int gn_ref_ratio_compare(struct gn_ref_exact *exact, const struct gn_ref_ratio *a, const struct gn_ref_ratio *b);
 void gn_ref_ratio_set(struct gn_ref_ratio *out, const struct gn_ref_ratio *in);
 void gn_ref_ratio_set_f64(struct gn_ref_ratio *out, double value);
-/* Rounded towards zero: relative error below 2^-51, unless it is beyond the normal range of f64. */
+/*
+ * numerator / denominator * 2^exponent, denominator > 0, rounded to nearest, once, where that is a normal f64. Neither may be
+ * one of the scratch numbers.
+ */
+double gn_ref_quotient_f64(mpz_t scratch[3], mpz_srcptr numerator, mpz_srcptr denominator, long exponent);
+/* What such a number is wrong by: half an ulp, and nothing known of what is beyond f64's range. */
+static inline double gn_ref_rounding_error(double value)
+{
+    return 0x1p-53 * fabs(value);
+}
 double gn_ref_ratio_f64(struct gn_ref_exact *exact, const struct gn_ref_ratio *a);
 /* An interval that contains it. */
 struct gn_ref_interval gn_ref_ratio_interval(struct gn_ref_exact *exact, const struct gn_ref_ratio *a);

@@ -149,6 +149,21 @@ static void found_set(struct gn_ref_found *found, const struct gn_ref_estimate *
     found->barycentric_error = estimate->barycentric_error;
 }
 
+/* From what the exact stage has just computed. */
+static void found_set_exact(struct gn_ref_found *found, struct gn_ref_exact *exact, bool triangle)
+{
+    found->t_value = gn_ref_ratio_f64(exact, &exact->t);
+    found->t_error = gn_ref_rounding_error(found->t_value);
+    if (triangle) {
+        found->beta = gn_ref_exact_barycentric(exact, 1);
+        found->gamma = gn_ref_exact_barycentric(exact, 2);
+        found->barycentric_error = gn_ref_rounding_error(fmax(found->beta, found->gamma));
+    } else {
+        found->t_exit = gn_ref_ratio_f64(exact, &exact->t_exit);
+        found->t_exit_error = gn_ref_rounding_error(found->t_exit);
+    }
+}
+
 static void sharpen(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     struct gn_ref_lane lane;
@@ -337,11 +352,7 @@ bool gn_ref_trace_triangle_exact(struct gn_ref_trace *trace, struct gn_ref_found
     if (!isinf(ray->tmax) && gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmax) >= 0)
         return false;
     found->t = gn_ref_ratio_interval(exact, &exact->t);
-    found->t_value = gn_ref_ratio_f64(exact, &exact->t);
-    found->t_error = 0x1p-51 * fabs(found->t_value);
-    found->beta = gn_ref_exact_barycentric(exact, 1);
-    found->gamma = gn_ref_exact_barycentric(exact, 2);
-    found->barycentric_error = 0x1p-51;
+    found_set_exact(found, exact, true);
     found->sharp = true;
     for (int i = 0; i < 3; i++)
         found->zeros |= (unsigned)(signs.edge[i] == 0) << i;
@@ -407,6 +418,14 @@ static void triangle_consider(struct gn_ref_trace *trace, const struct gn_ref_fi
         accept(trace, &found);
 }
 
+/* A number of an interval, and how far the others are from it at most. */
+static double middle(struct gn_ref_interval interval, double *out_error)
+{
+    double value = interval.lower + (interval.upper - interval.lower) / 2;
+    *out_error = nextafter(fmax(interval.upper - value, value - interval.lower), INFINITY);
+    return value;
+}
+
 static void box_consider(struct gn_ref_trace *trace, uint32_t id)
 {
     struct gn_ref_found found;
@@ -440,16 +459,13 @@ static void box_consider(struct gn_ref_trace *trace, uint32_t id)
             found.t = (struct gn_ref_interval){ray->tmin, ray->tmin};
         else
             found.t = entry;
-        found.t_value = gn_ref_ratio_f64(exact, &exact->t);
-        found.t_exit = gn_ref_ratio_f64(exact, &exact->t_exit);
+        found_set_exact(&found, exact, false);
         accept(trace, &found);
         return;
     }
     found.t = entry.upper <= ray->tmin ? (struct gn_ref_interval){ray->tmin, ray->tmin} : entry;
-    found.t_value = entry.lower + (entry.upper - entry.lower) / 2;
-    found.t_error = entry.upper - entry.lower;
-    found.t_exit = leave.lower + (leave.upper - leave.lower) / 2;
-    found.t_exit_error = leave.upper - leave.lower;
+    found.t_value = middle(entry, &found.t_error);
+    found.t_exit = middle(leave, &found.t_exit_error);
     accept(trace, &found);
 }
 
@@ -543,7 +559,7 @@ static bool accurate(const struct gn_ref_found *found)
            found->t_exit_error <= 0x1p-41 * fabs(found->t_exit);
 }
 
-/* t to the accuracy that trace.h promises. */
+/* The numbers to the accuracy that trace.h promises at least. */
 static void refine(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     if (accurate(found))
@@ -554,15 +570,12 @@ static void refine(struct gn_ref_trace *trace, struct gn_ref_found *found)
     struct gn_ref_exact *exact = exact_stage(trace);
     const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, found->id);
     trace->exact_count++;
-    if (found->id < trace->scene->first_box) {
+    bool triangle = found->id < trace->scene->first_box;
+    if (triangle)
         gn_ref_triangle_exact(exact, trace->scene, primitive, trace->setup.ray);
-        found->beta = gn_ref_exact_barycentric(exact, 1);
-        found->gamma = gn_ref_exact_barycentric(exact, 2);
-    } else {
+    else
         gn_ref_box_exact(exact, trace->scene, primitive, trace->setup.ray);
-        found->t_exit = gn_ref_ratio_f64(exact, &exact->t_exit);
-    }
-    found->t_value = gn_ref_ratio_f64(exact, &exact->t);
+    found_set_exact(found, exact, triangle);
 }
 
 void gn_ref_trace_hit_write(struct gn_ref_trace *trace, struct gn_ref_found *found, struct gn_ref_hit *out)
@@ -581,6 +594,9 @@ void gn_ref_trace_hit_write(struct gn_ref_trace *trace, struct gn_ref_found *fou
         .gamma = found->gamma,
         .front = triangle && found->front,
         .opaque = found->opaque,
+        .t_error = found->t_error,
+        .t_exit_error = triangle ? found->t_error : found->t_exit_error,
+        .barycentric_error = found->barycentric_error,
     };
 }
 

@@ -3,7 +3,6 @@
 #include "reference/tracer.h"
 
 #include <malloc.h>
-#include <math.h>
 #include <stdarg.h>
 #include <stdio.h>
 #include <stdlib.h>
@@ -155,6 +154,13 @@ void gn_ref_record_finish(const struct gn_ref_scene *scene, struct gn_ref_record
     record->sbt_offset = instance->sbt_offset;
 }
 
+void gn_ref_hit_set_rounding_errors(struct gn_ref_hit *hit)
+{
+    hit->t_error = gn_ref_rounding_error(hit->t);
+    hit->t_exit_error = gn_ref_rounding_error(hit->t_exit);
+    hit->barycentric_error = gn_ref_rounding_error(fmax(fabs(hit->beta), fabs(hit->gamma)));
+}
+
 int gn_ref_hit_compare_ids(const struct gn_ref_hit *a, const struct gn_ref_hit *b)
 {
     if (a->instance != b->instance)
@@ -268,14 +274,6 @@ static bool certified_create(struct gn_ref_tracer *tracer)
     return true;
 }
 
-static void certified_finish(const struct gn_ref_scene *scene, struct gn_ref_record *record)
-{
-    gn_ref_record_finish(scene, record);
-    record->t_error = isinf(record->hit.t) ? INFINITY : 0x1p-40 * fabs(record->hit.t) + 0x1p-1000;
-    record->t_exit_error = isinf(record->hit.t_exit) ? INFINITY : 0x1p-40 * fabs(record->hit.t_exit) + 0x1p-1000;
-    record->barycentric_error = record->hit.type == GN_REF_TRIANGLES ? 0x1p-40 : 0;
-}
-
 /* Whether boxes may count, which the traces of triangles alone do not look at. */
 static bool boxes_count(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
 {
@@ -296,7 +294,7 @@ static enum gn_ref_outcome certified_closest(const struct gn_ref_tracer *tracer,
         outcome_of(boxes_count(scene, ray) ? gn_ref_trace_all_exact(scene, ray, &out_record->hit, 1)
                                            : gn_ref_trace_closest_triangle_exact(scene, ray, &out_record->hit));
     if (outcome == GN_REF_HIT)
-        certified_finish(tracer->scene, out_record);
+        gn_ref_record_finish(tracer->scene, out_record);
     return outcome;
 }
 
@@ -321,7 +319,7 @@ static int64_t certified_all(const struct gn_ref_tracer *tracer, const struct gn
     }
     for (size_t i = 0; count >= 0 && i < wanted; i++) {
         out_records[i] = (struct gn_ref_record){.hit = hits[i]};
-        certified_finish(tracer->scene, &out_records[i]);
+        gn_ref_record_finish(tracer->scene, &out_records[i]);
     }
     if (hits != local)
         free(hits);
@@ -361,7 +359,7 @@ static void certified_closest_batch(const struct gn_ref_tracer *tracer, const st
             if (!of_triangles)
                 gn_ref_tracer_closest(tracer, &rays[first + i], &records[i]);
             else if (found[i] > 0)
-                certified_finish(tracer->scene, &records[i]);
+                gn_ref_record_finish(tracer->scene, &records[i]);
             else
                 records[i] = (struct gn_ref_record){.outcome = batch_outcome(&rays[first + i], found[i])};
         }

@@ -95,24 +95,19 @@ enum gn_ref_outcome {
 };
 
 /*
- * A hit, with what its numbers may be wrong by: |t - exact| <= t_error and so on, where exact is the value over the
- * real numbers for the primitive that is named. barycentric_error bounds beta and gamma each.
+ * A hit. What its numbers may be wrong by is in it (hit.t_error, hit.t_exit_error, hit.barycentric_error), too:
  *
- * CERTIFIED: 2^-40 |t| + 2^-1000 for t and t_exit and 2^-40 for barycentrics, what trace.h promises by the derivations
- * in filter.c and certified.h; 0 for numbers that are 0 by definition (the barycentrics of a box). EXACT: 2^-51 of the
- * number (for barycentrics: 2^-51), its quotient of integers being rounded twice towards zero. FAST, ROBUST, DOUBLE:
- * infinite, nothing is promised. A t that f64 has no number for is infinite, and so is its error.
+ * CERTIFIED: bounds derived for this very hit; struct gn_ref_hit (trace.h) says from what and how large. EXACT: 2^-53 of the
+ * number, a quotient of integers that is rounded once. FAST, ROBUST, DOUBLE: infinite, nothing is promised. 0 for numbers that are
+ * 0 by definition (the barycentrics of a box), infinite for a t that f64 has no number for.
  *
- * `hit` is all zero when the outcome is not GN_REF_HIT, and so are the errors.
+ * `hit` is all zero when the outcome is not GN_REF_HIT.
  */
 struct gn_ref_record {
     enum gn_ref_outcome outcome;
     uint32_t custom_index; /* of the instance */
     uint32_t sbt_offset; /* of the instance */
     struct gn_ref_hit hit;
-    double t_error;
-    double t_exit_error;
-    double barycentric_error;
 };
 
 /* The nearest hit. The outcome is returned too. */
@@ -145,11 +140,11 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
                              struct gn_ref_record *out_records, size_t capacity, int64_t *out_counts);
 
 /*
- * What a shader can ask for beside the record. Each number is the exact one rounded once towards zero (relative error
- * below 2^-52), whatever the tier of the hit. Matrices are 3 rows of 4.
+ * What a shader can ask for beside the record. Each number is the exact one, a quotient of integers, rounded once to the nearest f64: wrong by
+ * half an ulp, 2^-53 of its magnitude, at most, whatever the tier of the hit. Matrices are 3 rows of 4.
  */
 struct gn_ref_hit_detail {
-    float world_from_object[12]; /* the instance's transform, bit by bit */
+    float world_from_object[12]; /* the instance's transform, bit by bit: no error */
     double object_from_world[12]; /* its inverse */
     double object_origin[3];
     double object_direction[3];
@@ -165,6 +160,13 @@ struct gn_ref_hit_detail {
  */
 bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray,
                              const struct gn_ref_hit *hit, struct gn_ref_hit_detail *out_detail);
+
+/*
+ * Puts the exact t, t_exit, beta and gamma, rounded once to the nearest f64, in place of those of a hit, and half an ulp of theirs in place
+ * of its bounds, whatever the tier of the hit; nothing else in it is looked at or changed but the ids. False, and the hit as it was, as above and
+ * where the ray's line is parallel to the triangle or the ray misses the box. Some microseconds.
+ */
+bool gn_ref_hit_refine_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, struct gn_ref_hit *hit);
 
 #ifdef __GNUC__
 #pragma GCC visibility pop

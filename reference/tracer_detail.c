@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What a shader can ask for beside the hit: transforms, the object-space ray, vertices, in rational numbers. */
+/* Exact numbers of a hit: its own, and what a shader can ask for beside it (transforms, the object-space ray, vertices). */
 #include <math.h>
 #include <string.h>
 
@@ -8,6 +8,7 @@
 /* A 3 x 4 matrix of rationals, and room for sums. */
 struct rationals {
     mpq_t matrix[12], inverse[12], point[3], image[3], product, determinant;
+    mpz_t scratch[3];
 };
 
 static void each_init(mpq_t *items, int count)
@@ -68,10 +69,10 @@ static void invert(struct rationals *r)
     }
 }
 
-static void get(double out[3], mpq_t *values)
+static void get(double *out, struct rationals *r, mpq_t *values, int count)
 {
-    for (int i = 0; i < 3; i++)
-        out[i] = mpq_get_d(values[i]);
+    for (int i = 0; i < count; i++)
+        out[i] = gn_ref_quotient_f64(r->scratch, mpq_numref(values[i]), mpq_denref(values[i]), 0);
 }
 
 static bool active(const struct gn_ref_scene *scene, const struct gn_ref_hit *hit)
@@ -107,20 +108,21 @@ bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_r
     each_init(r.image, 3);
     mpq_init(r.product);
     mpq_init(r.determinant);
+    for (int i = 0; i < 3; i++)
+        mpz_init(r.scratch[i]);
 
     memcpy(out->world_from_object, instance->transform, sizeof out->world_from_object);
     set_matrix(r.matrix, instance->transform);
     invert(&r);
-    for (int i = 0; i < 12; i++)
-        out->object_from_world[i] = mpq_get_d(r.inverse[i]);
+    get(out->object_from_world, &r, r.inverse, 12);
     for (int i = 0; i < 3; i++)
         mpq_set_d(r.point[i], ray->origin[i]);
     transform(&r, r.inverse, true);
-    get(out->object_origin, r.image);
+    get(out->object_origin, &r, r.image, 3);
     for (int i = 0; i < 3; i++)
         mpq_set_d(r.point[i], ray->direction[i]);
     transform(&r, r.inverse, false);
-    get(out->object_direction, r.image);
+    get(out->object_direction, &r, r.image, 3);
 
     for (int v = 0; geometry->type == GN_REF_TRIANGLES && v < 3; v++) {
         const double *position = geometry->positions[geometry->triangles[hit->primitive][v]];
@@ -135,9 +137,9 @@ bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_r
             for (int i = 0; i < 3; i++)
                 mpq_swap(r.point[i], r.image[i]);
         }
-        get(out->object_vertices[v], r.point);
+        get(out->object_vertices[v], &r, r.point, 3);
         transform(&r, r.matrix, true);
-        get(out->world_vertices[v], r.image);
+        get(out->world_vertices[v], &r, r.image, 3);
     }
 
     each_clear(r.matrix, 12);
@@ -146,6 +148,33 @@ bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_r
     each_clear(r.image, 3);
     mpq_clear(r.product);
     mpq_clear(r.determinant);
+    for (int i = 0; i < 3; i++)
+        mpz_clear(r.scratch[i]);
     gn_ref_environment_leave(&environment);
     return true;
+}
+
+bool gn_ref_hit_refine_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, struct gn_ref_hit *hit)
+{
+    struct gn_ref_exact exact;
+    struct gn_ref_environment environment;
+    if (!scene->committed || !gn_ref_tracer_ray_valid(ray) || !active(scene, hit))
+        return false;
+    const struct gn_ref_primitive primitive = {hit->instance, hit->geometry, hit->primitive};
+    const struct gn_ref_blas *blas = &scene->blases[scene->instances[hit->instance].blas];
+    bool triangle = blas->geometries[hit->geometry].type == GN_REF_TRIANGLES;
+    gn_ref_environment_enter(&environment);
+    gn_ref_exact_init(&exact);
+    bool met = triangle ? gn_ref_triangle_exact(&exact, scene, &primitive, ray).sum != 0
+                        : gn_ref_box_exact(&exact, scene, &primitive, ray);
+    if (met) {
+        hit->t = gn_ref_ratio_f64(&exact, &exact.t);
+        hit->t_exit = triangle ? hit->t : gn_ref_ratio_f64(&exact, &exact.t_exit);
+        hit->beta = triangle ? gn_ref_exact_barycentric(&exact, 1) : 0;
+        hit->gamma = triangle ? gn_ref_exact_barycentric(&exact, 2) : 0;
+        gn_ref_hit_set_rounding_errors(hit);
+    }
+    gn_ref_exact_finish(&exact);
+    gn_ref_environment_leave(&environment);
+    return met;
 }

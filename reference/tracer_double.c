@@ -205,8 +205,8 @@ struct search {
 /* True when the search is over. */
 static bool accept(struct search *search, double at, struct gn_ref_record *record)
 {
-    record->t_error = record->t_exit_error = INFINITY;
-    record->barycentric_error = record->hit.type == GN_REF_TRIANGLES ? INFINITY : 0;
+    record->hit.t_error = record->hit.t_exit_error = INFINITY;
+    record->hit.barycentric_error = record->hit.type == GN_REF_TRIANGLES ? INFINITY : 0;
     if (search->list) {
         gn_ref_record_finish(search->tracer->scene, record);
         gn_ref_placed_add(search->list, at, record);

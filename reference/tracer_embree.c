@@ -107,7 +107,7 @@ static void triangle_record(const struct gn_ref_tracer *tracer, const struct gn_
     gn_ref_admitted(tracer->scene, ray, instance, geometry, &out->hit.opaque);
     if (tracer->scene->instances[instance].flags & GN_REF_INSTANCE_FLIP_FACING)
         out->hit.front = !out->hit.front;
-    out->t_error = out->t_exit_error = out->barycentric_error = INFINITY;
+    out->hit.t_error = out->hit.t_exit_error = out->hit.barycentric_error = INFINITY;
     gn_ref_record_finish(tracer->scene, out);
 }
 
@@ -197,8 +197,7 @@ static void box_visit(struct query *query, const struct box_geometry *boxes, uin
     if (query->list) {
         struct gn_ref_record record = {
             .hit = {.type = GN_REF_AABBS, .instance = instance, .geometry = boxes->index, .primitive = primitive,
-                    .t = entry, .t_exit = leave, .opaque = opaque},
-            .t_error = INFINITY, .t_exit_error = INFINITY,
+                    .t = entry, .t_exit = leave, .opaque = opaque, .t_error = INFINITY, .t_exit_error = INFINITY},
         };
         gn_ref_record_finish(query->tracer->scene, &record);
         gn_ref_placed_add(query->list, place, &record);
@@ -469,7 +468,7 @@ static enum gn_ref_outcome hit_write(const struct gn_ref_tracer *tracer, const s
         out->hit = (struct gn_ref_hit){.type = GN_REF_AABBS, .instance = instance, .geometry = hit->geomID,
                                        .primitive = hit->primID, .t = hit->u, .t_exit = hit->v};
         gn_ref_admitted(tracer->scene, ray, instance, hit->geomID, &out->hit.opaque);
-        out->t_error = out->t_exit_error = INFINITY;
+        out->hit.t_error = out->hit.t_exit_error = INFINITY;
         gn_ref_record_finish(tracer->scene, out);
         return GN_REF_HIT;
     }

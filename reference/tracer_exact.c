@@ -190,9 +190,7 @@ static int compare_placed(struct search *search, const struct placed *a, const s
 static bool accept(struct search *search, struct gn_ref_record *record)
 {
     struct placed placed = {.record = *record};
-    placed.record.t_error = isinf(record->hit.t) ? INFINITY : 0x1p-51 * fabs(record->hit.t);
-    placed.record.t_exit_error = isinf(record->hit.t_exit) ? INFINITY : 0x1p-51 * fabs(record->hit.t_exit);
-    placed.record.barycentric_error = record->hit.type == GN_REF_TRIANGLES ? 0x1p-51 : 0;
+    gn_ref_hit_set_rounding_errors(&placed.record.hit);
     gn_ref_record_finish(search->tracer->scene, &placed.record);
     mpz_init(placed.place.numerator);
     mpz_init(placed.place.denominator);

@@ -20,6 +20,7 @@ struct item {
 struct entry {
     struct gn_ref_hit hit;
     mpz_t numerator, denominator; /* of the t that orders; denominator > 0 */
+    mpz_t number[ORACLE_NUMBER_COUNT], over[ORACLE_NUMBER_COUNT]; /* exactly, over > 0 */
 };
 
 struct oracle {
@@ -275,6 +276,10 @@ void oracle_destroy(struct oracle *o)
     for (size_t i = 0; i < o->capacity; i++) {
         mpz_clear(o->entries[i].numerator);
         mpz_clear(o->entries[i].denominator);
+        for (int n = 0; n < ORACLE_NUMBER_COUNT; n++) {
+            mpz_clear(o->entries[i].number[n]);
+            mpz_clear(o->entries[i].over[n]);
+        }
     }
     for (int i = 0; i < 9; i++)
         free(o->c[i]);
@@ -427,6 +432,10 @@ static struct entry *new_entry(struct oracle *o)
         for (size_t i = o->capacity; i < capacity; i++) {
             mpz_init(o->entries[i].numerator);
             mpz_init(o->entries[i].denominator);
+            for (int n = 0; n < ORACLE_NUMBER_COUNT; n++) {
+                mpz_init(o->entries[i].number[n]);
+                mpz_init(o->entries[i].over[n]);
+            }
         }
         o->capacity = capacity;
     }
@@ -553,6 +562,11 @@ static void test_triangle(struct oracle *o, const struct item *item, const struc
     entry->hit.beta = rounded(o, s[18], s[17]);
     entry->hit.gamma = rounded(o, s[19], s[17]);
     entry->hit.t = rounded(o, entry->numerator, entry->denominator);
+    for (int n = 0; n < ORACLE_NUMBER_COUNT; n++) {
+        bool along = n == ORACLE_T || n == ORACLE_T_EXIT;
+        mpz_set(entry->number[n], along ? entry->numerator : s[n == ORACLE_BETA ? 18 : 19]);
+        mpz_set(entry->over[n], along ? entry->denominator : s[17]);
+    }
     entry->hit.front = front;
     entry->hit.opaque = opaque;
     o->count++;
@@ -612,6 +626,13 @@ static void test_box(struct oracle *o, const struct item *item, const struct gn_
                                          .primitive = item->primitive, .opaque = opaque};
         entry->hit.t = rounded(o, mpq_numref(entry_t), mpq_denref(entry_t));
         entry->hit.t_exit = rounded(o, mpq_numref(exit_t), mpq_denref(exit_t));
+        for (int n = 0; n < ORACLE_NUMBER_COUNT; n++) {
+            mpq_set_ui(x, 0, 1);
+            if (n == ORACLE_T || n == ORACLE_T_EXIT)
+                mpq_set(x, n == ORACLE_T ? entry_t : exit_t);
+            mpz_set(entry->number[n], mpq_numref(x));
+            mpz_set(entry->over[n], mpq_denref(x));
+        }
         if (compare_value(o, mpq_numref(entry_t), mpq_denref(entry_t), ray->tmin) < 0)
             mpq_set_d(entry_t, ray->tmin);
         mpz_set(entry->numerator, mpq_numref(entry_t));
@@ -676,4 +697,26 @@ size_t oracle_trace(struct oracle *o, const struct gn_ref_ray *ray, const struct
 int oracle_compare_t(struct oracle *o, size_t a, size_t b)
 {
     return compare_entries(o, &o->entries[o->order[a]], &o->entries[o->order[b]]);
+}
+
+double oracle_error(struct oracle *o, size_t hit, enum oracle_number number, double value)
+{
+    const struct entry *entry = &o->entries[o->order[hit]];
+    struct rational3 *scratch = &o->box[0];
+    double three[3] = {value, 0, 0};
+    mpz_t *s = o->s;
+    if (!isfinite(value))
+        return INFINITY;
+    /* value - number / over = (x over - number w) / (w over) */
+    load_point(scratch, three, 1);
+    mpz_mul(s[0], scratch->x[0], entry->over[number]);
+    mpz_submul(s[0], entry->number[number], scratch->w);
+    mpz_abs(s[0], s[0]);
+    mpz_mul(s[1], entry->over[number], scratch->w);
+    double error = rounded(o, s[0], s[1]);
+    /* Cut off at 53 bits: the next one up, where the rest is not 0. */
+    load_point(scratch, (double[3]){error, 0, 0}, 1);
+    mpz_mul(s[0], s[0], scratch->w);
+    mpz_mul(s[1], s[1], scratch->x[0]);
+    return mpz_cmp(s[0], s[1]) > 0 ? nextafter(error, INFINITY) : error;
 }

@@ -28,6 +28,9 @@ void oracle_destroy(struct oracle *oracle);
 
 /* All that the ray meets, in order: hits[i].t and so on are rounded from exact values. The number of hits. */
 size_t oracle_trace(struct oracle *oracle, const struct gn_ref_ray *ray, const struct gn_ref_hit **out_hits);
+/* What a value for a number of the hit at that place is wrong by, rounded up to an f64; infinite when the value is. */
+enum oracle_number { ORACLE_T, ORACLE_T_EXIT, ORACLE_BETA, ORACLE_GAMMA, ORACLE_NUMBER_COUNT };
+double oracle_error(struct oracle *oracle, size_t hit, enum oracle_number number, double value);
 /* The exact order of two of them: -1, 0, 1. */
 int oracle_compare_t(struct oracle *oracle, size_t a, size_t b);
 

@@ -11,6 +11,7 @@
 #include <string.h>
 
 #include "reference/certified.h"
+#include "reference/tracer.h"
 
 #define RAYS_PER_SCENE 512
 #define MOST_HITS 4096
@@ -99,6 +100,66 @@ static const char *rounding(double t, double ideal, struct proof_counts *counts)
                : "t is not the ideal one rounded once";
 }
 
+double proof_slack(const struct proof_counts *counts, enum proof_numbers numbers)
+{
+    uint64_t total = 0, below = 0;
+    for (int i = 0; i < 64; i++)
+        total += counts->slack[numbers][i];
+    for (int i = 0; i < 64; i++) {
+        below += counts->slack[numbers][i];
+        if (2 * below >= total)
+            return ldexp(1, i + 1);
+    }
+    return INFINITY;
+}
+
+/* Half the distance to the next f64 away from 0: what the nearest f64 to a number is wrong by at most. */
+static double half_ulp(double value)
+{
+    return ldexp(1, ilogb(value) - 53);
+}
+
+/* No number is wrong by more than the bound it came with; by how much less is counted. */
+static const char *bounded(struct oracle *oracle, size_t at, const struct gn_ref_hit *hit, bool rounded_once,
+                           struct proof_counts *counts)
+{
+    const double values[ORACLE_NUMBER_COUNT] = {hit->t, hit->t_exit, hit->beta, hit->gamma};
+    const double bounds[ORACLE_NUMBER_COUNT] = {hit->t_error, hit->t_exit_error, hit->barycentric_error,
+                                                hit->barycentric_error};
+    static const char *const words[ORACLE_NUMBER_COUNT] = {"the bound of t", "the bound of the exit",
+                                                           "the bound of a barycentric", "the bound of a barycentric"};
+    if (hit->type == GN_REF_TRIANGLES && (hit->t_exit != hit->t || hit->t_exit_error != hit->t_error))
+        return "the exit of a triangle";
+    for (int n = 0; n < ORACLE_NUMBER_COUNT; n++) {
+        if (n == ORACLE_T_EXIT && hit->type == GN_REF_TRIANGLES)
+            continue;
+        double error = oracle_error(oracle, at, (enum oracle_number)n, values[n]);
+        enum proof_numbers numbers = n == ORACLE_T || n == ORACLE_T_EXIT ? PROOF_LENGTHS : PROOF_BARYCENTRICS;
+        double most = numbers == PROOF_LENGTHS ? 0x1p-40 * fabs(values[n]) : 0x1p-40;
+        if (isinf(values[n]))
+            continue;
+        if (rounded_once && values[n] != 0 && !(error <= half_ulp(values[n])))
+            return "a number rounded once";
+        if (!(error <= bounds[n]) || !(bounds[n] <= most))
+            return words[n];
+        if (error == 0)
+            counts->unerring[numbers]++;
+        else
+            counts->slack[numbers][ilogb(bounds[n] / error) & 63]++;
+    }
+    return NULL;
+}
+
+/* The exact numbers instead, and half an ulp for a bound. */
+static const char *refined(const struct gn_ref_scene *scene, struct oracle *oracle, size_t at, const struct gn_ref_ray *ray,
+                           struct gn_ref_hit hit)
+{
+    struct proof_counts unwanted = {0};
+    if (!gn_ref_hit_refine_exact(scene, ray, &hit))
+        return "that a hit has exact numbers";
+    return bounded(oracle, at, &hit, true, &unwanted);
+}
+
 /* What is wrong with the reference's answers for one ray, or NULL. */
 static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *oracle, const struct gn_ref_ray *ray,
                              struct gn_ref_hit *hits, struct proof_counts *counts, size_t *out_at)
@@ -116,6 +177,10 @@ static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *or
     for (size_t i = 0; i < common; i++) {
         *out_at = i;
         const char *what = difference(&hits[i], &right[i]);
+        if (!what)
+            what = bounded(oracle, i, &hits[i], false, counts);
+        if (!what && counts->rays % 8 == 0)
+            what = refined(scene, oracle, i, ray, hits[i]);
         if (what)
             return what;
     }
@@ -131,6 +196,8 @@ static const char *check_ray(const struct gn_ref_scene *scene, struct oracle *or
         return "whether there is a closest triangle";
     if (found) {
         const char *what = difference(&closest, &right[first]);
+        if (!what)
+            what = bounded(oracle, first, &closest, false, counts);
         if (!what)
             what = rounding(closest.t, right[first].t, counts);
         if (what)
@@ -169,6 +236,11 @@ void proof_counts_add(struct proof_counts *total, const struct proof_counts *mor
     total->pairs_exact += more->pairs_exact;
     total->t_error = fmax(total->t_error, more->t_error);
     total->misrounded += more->misrounded;
+    for (int n = 0; n < 2; n++) {
+        total->unerring[n] += more->unerring[n];
+        for (int i = 0; i < 64; i++)
+            total->slack[n][i] += more->slack[n][i];
+    }
     if (total->differences == 0)
         memcpy(total->first, more->first, sizeof total->first);
     total->differences += more->differences;

@@ -14,8 +14,17 @@ struct proof_counts {
      * is not the f32 nearest to the ideal value but the one on its other side. */
     double t_error;
     uint64_t misrounded;
+    /* The bounds that came with the numbers: how often a number was exact, and how often the bound was 2^i times its error or
+     * more, but less than 2^(i+1) times, over all hits. */
+    uint64_t unerring[2];
+    uint64_t slack[2][64];
     char first[600]; /* the first difference, for people */
 };
+
+/* t and t_exit; beta and gamma. */
+enum proof_numbers { PROOF_LENGTHS, PROOF_BARYCENTRICS };
+/* The factor by which the median bound is larger than the error, of numbers that are not exact, to a power of two. */
+double proof_slack(const struct proof_counts *counts, enum proof_numbers numbers);
 
 /* Sums, of `t_error` the larger one, of `first` the earlier one. */
 void proof_counts_add(struct proof_counts *total, const struct proof_counts *more);

@@ -18,10 +18,12 @@ static double seconds(void)
 static void report(const char *name, const struct proof_counts *c, double time)
 {
     printf("%-20s %10llu rays %10llu aimed %9llu hit %11llu hits %13llu excluded %10llu exact %6.1f s  t within %.3g x 2^-53, "
-           "%llu to the other f32; %llu differences\n",
+           "%llu to the other f32; bounds in the median at most %g times the error of t, %g of barycentrics; "
+           "%llu differences\n",
            name, (unsigned long long)c->rays, (unsigned long long)c->aimed, (unsigned long long)c->rays_hit,
            (unsigned long long)c->hits, (unsigned long long)c->pairs_excluded, (unsigned long long)c->pairs_exact, time,
-           c->t_error, (unsigned long long)c->misrounded, (unsigned long long)c->differences);
+           c->t_error, (unsigned long long)c->misrounded,
+           proof_slack(c, PROOF_LENGTHS), proof_slack(c, PROOF_BARYCENTRICS), (unsigned long long)c->differences);
     if (c->differences)
         printf("  %s\n", c->first);
     fflush(stdout);

@@ -29,7 +29,15 @@ static void check(const char *name, const struct proof_counts *counts, uint64_t 
     assert_int_equal(counts->rays, wanted);
     /* A family that hits nothing proves nothing. */
     assert_true(counts->rays_hit * 4 > counts->rays);
+    /* The bounds that come with the numbers are not much larger than they have to be: as trace.h says. */
+    double lengths = proof_slack(counts, PROOF_LENGTHS), barycentrics = proof_slack(counts, PROOF_BARYCENTRICS);
+    if (lengths > 512 || barycentrics > 1024)
+        print_error("in the median the bound of t is up to %g times its error, that of a barycentric %g times\n", lengths,
+                    barycentrics);
+    assert_true(lengths <= 512 && barycentrics <= 1024);
 }
+
+static struct proof_counts total; /* of all families */
 
 static void family_agrees(void **state)
 {
@@ -38,6 +46,14 @@ static void family_agrees(void **state)
     struct proof_counts counts;
     proof_family(family, &options, &counts);
     check(family->name, &counts, options.rays);
+    proof_counts_add(&total, &counts);
+}
+
+/* With bounds half as large some numbers would be found to be wrong by more. */
+static void bounds_are_reached(void **state)
+{
+    (void)state;
+    assert_true(total.slack[PROOF_LENGTHS][0] > 0 && total.slack[PROOF_BARYCENTRICS][0] > 0);
 }
 
 /* Every kernel that this machine has, the f64 traversal included: fewer rays, all families. */
@@ -93,6 +109,7 @@ int main(void)
     size_t count = 0;
     for (uint32_t f = 0; f < family_count; f++)
         tests[count++] = (struct CMUnitTest){families[f].name, family_agrees, NULL, NULL, (void *)(uintptr_t)&families[f]};
+    tests[count++] = (struct CMUnitTest)cmocka_unit_test(bounds_are_reached);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(large_mesh_agrees);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(kernels_agree);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(forgotten_triangle_is_noticed);

@@ -87,7 +87,7 @@ static bool same(const struct gn_ref_record *a, const struct gn_ref_record *b)
     const struct gn_ref_hit *p = &a->hit, *q = &b->hit;
     return a->outcome == b->outcome && p->instance == q->instance && p->geometry == q->geometry &&
            p->primitive == q->primitive && p->front == q->front && p->t == q->t && p->beta == q->beta &&
-           p->gamma == q->gamma && a->t_error == b->t_error;
+           p->gamma == q->gamma && a->hit.t_error == b->hit.t_error;
 }
 
 int main(int argc, char **argv)

@@ -100,11 +100,11 @@ static bool same_ids(const struct gn_ref_hit *a, const struct gn_ref_hit *b)
 static bool same_within_errors(const struct gn_ref_record *a, const struct gn_ref_record *b)
 {
     return same_ids(&a->hit, &b->hit) && a->custom_index == b->custom_index && a->sbt_offset == b->sbt_offset &&
-           (isinf(a->hit.t) || isinf(b->hit.t) || fabs(a->hit.t - b->hit.t) <= a->t_error + b->t_error) &&
+           (isinf(a->hit.t) || isinf(b->hit.t) || fabs(a->hit.t - b->hit.t) <= a->hit.t_error + b->hit.t_error) &&
            (isinf(a->hit.t_exit) || isinf(b->hit.t_exit) ||
-            fabs(a->hit.t_exit - b->hit.t_exit) <= a->t_exit_error + b->t_exit_error) &&
-           fabs(a->hit.beta - b->hit.beta) <= a->barycentric_error + b->barycentric_error &&
-           fabs(a->hit.gamma - b->hit.gamma) <= a->barycentric_error + b->barycentric_error;
+            fabs(a->hit.t_exit - b->hit.t_exit) <= a->hit.t_exit_error + b->hit.t_exit_error) &&
+           fabs(a->hit.beta - b->hit.beta) <= a->hit.barycentric_error + b->hit.barycentric_error &&
+           fabs(a->hit.gamma - b->hit.gamma) <= a->hit.barycentric_error + b->hit.barycentric_error;
 }
 
 /*

@@ -155,9 +155,9 @@ static bool same(const struct gn_ref_record *a, const struct gn_ref_record *b)
     const struct gn_ref_hit *p = &a->hit, *q = &b->hit;
     return a->outcome == b->outcome && p->type == q->type && p->instance == q->instance && p->geometry == q->geometry &&
            p->primitive == q->primitive && p->front == q->front && p->opaque == q->opaque &&
-           (p->t == q->t || fabs(p->t - q->t) <= a->t_error + b->t_error) &&
-           fabs(p->beta - q->beta) <= a->barycentric_error + b->barycentric_error &&
-           fabs(p->gamma - q->gamma) <= a->barycentric_error + b->barycentric_error;
+           (p->t == q->t || fabs(p->t - q->t) <= a->hit.t_error + b->hit.t_error) &&
+           fabs(p->beta - q->beta) <= a->hit.barycentric_error + b->hit.barycentric_error &&
+           fabs(p->gamma - q->gamma) <= a->hit.barycentric_error + b->hit.barycentric_error;
 }
 
 static void forcing_effects_on_changes_no_answer(void **state)
