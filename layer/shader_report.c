@@ -144,12 +144,15 @@ static void tell(struct gn_device *device, const struct gn_shader *shader, uint3
 }
 
 /* The structure that a record speaks of; with the device locked. */
-static void add_structure(struct gn_device *device, struct gn_text *text, const uint32_t operands[4])
+static void add_structure(struct gn_device *device, struct gn_text *text, uint32_t rule, const uint32_t operands[4])
 {
     const struct gn_as *as = gn_structure_by_id(device, operands[3]);
     char name[256];
     struct gn_object object = {as ? as->kind : GN_OBJECT_NONE, as ? (uint64_t)as->handle : 0, as ? as->name : NULL};
-    gn_text_add(text, ", set %u, binding %u, element %u", operands[0], operands[1], operands[2]);
+    if (rule != GN_SPIRV_RULE_STRUCTURE_NO_POSITIONS)
+        gn_text_add(text, ", set %u, binding %u, element %u", operands[0], operands[1], operands[2]);
+    else if (operands[0] != UINT32_MAX)
+        gn_text_add(text, ", instance %u", operands[0]);
     if (as)
         gn_text_add(text, ": %s", gn_object_describe(&object, name, sizeof name));
 }
@@ -183,7 +186,7 @@ static void tell_check(struct gn_device *device, struct gn_shader *shader, uint3
         gn_text_add(&text, "%sFirst in ", site->place.source ? "\n" : " ");
         add_invocation(&text, shader->model, found->records[r].invocation);
         if (UINT64_C(1) << rule & OF_STRUCTURES)
-            add_structure(device, &text, found->records[r].operands + (strstr(site->operation, "Initialize") ? 0 : 6));
+            add_structure(device, &text, rule, found->records[r].operands + (strstr(site->operation, "Initialize") ? 0 : 6));
         else
             add_operands(&text, site->operation, rule, found->records[r].operands);
         gn_text_add(&text, ".");

@@ -43,6 +43,7 @@ enum operation_kind {
     OPERATION_TRACE_MOTION,
     OPERATION_REPORT,
     OPERATION_CALL,
+    OPERATION_POSITIONS, /* a load of HitTriangleVertexPositionsKHR */
 };
 
 enum operation_needs { NEEDS_NOTHING, NEEDS_TRIANGLE_CANDIDATE, NEEDS_TRIANGLE };
@@ -57,12 +58,18 @@ struct operation {
 };
 /* NULL for any other instruction. */
 const struct operation *operation_of(uint32_t opcode);
+/* As above, and loads of what a hit shader is told. */
+const struct operation *operation_at(const struct module *module, const struct inst *inst);
 
 /* The words of an instruction that say which ray is traced; 0 for those that it does not have. */
 struct ray_words {
     uint32_t flags, mask, sbt_offset, sbt_stride, miss, origin, tmin, direction, tmax, time, payload;
 };
 struct ray_words ray_words_of(const struct operation *operation);
+
+/* What the device may keep of a query (shadow.c), in the order in which functions are given it: its state, the tmax it was initialized with,
+ * and the id of the structure that it goes through. */
+enum shadow { SHADOW_STATE, SHADOW_TMAX, SHADOW_STRUCTURE, SHADOW_COUNT };
 
 /* A variable or parameter that holds queries: one, or an array of them. */
 struct root {
@@ -76,7 +83,7 @@ struct root {
     uint32_t group;         /* the root that stands for all that may be the same object */
     bool aliased;           /* reachable under two names at once: nothing is known of its state */
     bool packed;            /* an array whose states share a word (shadow.c) */
-    bool needs_state, needs_tmax; /* of the group's first root: what runs on the device keeps */
+    bool needs[SHADOW_COUNT]; /* of the group's first root: what runs on the device keeps */
 };
 
 /* What the flow analysis follows: one query, or all elements of an array taken together. */
@@ -163,5 +170,8 @@ _Static_assert(GN_SPIRV_RULE_INITIALIZE_MASK_BITS - GN_SPIRV_RULE_INITIALIZE_NAN
 
 #define RULES_OF_STRUCTURE                                                                                             \
     (RULE_BIT(STRUCTURE_NONE) | RULE_BIT(STRUCTURE_NEVER_BUILT) | RULE_BIT(STRUCTURE_DESTROYED) | RULE_BIT(STRUCTURE_BOTTOM_LEVEL))
+
+/* Whether all entry points are of hit shaders, so that a function may read what only these are told. */
+bool hit_shaders_only(const struct module *module);
 
 #endif

@@ -21,6 +21,8 @@
     (RULE_BIT(CANDIDATE_NOT_TRIANGLE) | RULE_BIT(CANDIDATE_NOT_AABB) | RULE_BIT(CONFIRM_NOT_TRIANGLE) |                \
      RULE_BIT(GENERATE_NOT_AABB) | RULE_BIT(GENERATE_RANGE))
 #define RULES_OF_COMMITTED (RULE_BIT(COMMITTED_NONE) | RULE_BIT(COMMITTED_NOT_TRIANGLE))
+/* Rules that ask the query for anything. */
+#define RULES_OF_LIVE (RULES_OF_CANDIDATE | RULES_OF_COMMITTED | RULE_BIT(STRUCTURE_NO_POSITIONS))
 #define RULES_OF_INITIALIZE (((UINT64_C(1) << RULES_OF_RAY) - 1) << GN_SPIRV_RULE_INITIALIZE_NAN)
 #define RULES_OF_TRACED_RAY (RULES_OF_INITIALIZE << RULES_OF_RAY_TO_TRACE)
 
@@ -45,15 +47,13 @@ static void gather(struct writer *writer, struct gathered *gathered, uint32_t ru
 /* Whether the states in which the site may be reached leave no doubt that its live getters are legal. */
 static bool live_getters_legal(const struct site *site)
 {
-    if (site->checked & RULES_OF_CANDIDATE)
-        return !(site->states & (STATE_UNINITIALIZED | STATES_NO_CANDIDATE));
-    return !(site->states & STATE_UNINITIALIZED);
+    return !(site->states & (site->committed ? STATE_UNINITIALIZED : STATE_UNINITIALIZED | STATES_NO_CANDIDATE));
 }
 
 bool checks_need_state(const struct site *site)
 {
     return (site->checked & RULES_OF_STATE) ||
-           ((site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED)) && !live_getters_legal(site));
+           ((site->checked & RULES_OF_LIVE) && site->root != NONE && !live_getters_legal(site));
 }
 
 /* (state & mask) == value */
@@ -104,6 +104,8 @@ static uint32_t masked(struct writer *writer, uint32_t value, uint32_t mask)
 }
 
 #define EXPONENT 0x7F800000u
+/* HitKindFrontFacingTriangleKHR; the other kind of triangle is one above, and nothing else is. */
+#define HIT_KIND_FRONT_FACING 0xFEu
 
 /* Integers decide, not floating-point comparisons: these may be compiled under the assumption that there are no NaNs. */
 static uint32_t is_nan(struct writer *writer, uint32_t bits)
@@ -117,7 +119,7 @@ static uint32_t out_of_range(struct writer *writer, uint32_t query, uint32_t t, 
 {
     uint32_t float_ = type_float(writer), bool_ = type_bool(writer), uint_ = type_uint(writer);
     uint32_t tmin = COMPUTE(writer, SpvOpRayQueryGetRayTMinKHR, float_, query);
-    uint32_t tmax = shadow_tmax(writer, query);
+    uint32_t tmax = shadow_load(writer, query, SHADOW_TMAX);
     uint32_t type = type_getter(writer, query, true);
     struct branch hit;
     branch_begin(writer, COMPUTE(writer, SpvOpINotEqual, bool_, type, constant_uint(writer, 0)), &hit);
@@ -135,24 +137,51 @@ static uint32_t out_of_range(struct writer *writer, uint32_t query, uint32_t t, 
     return COMPUTE(writer, SpvOpLogicalNot, bool_, inside);
 }
 
+/* Whether nobody may read vertex positions of what is there, whose type is `type`. Leaves the instance and the structure's id as operands. */
+static uint32_t positions_missing(struct writer *writer, uint32_t query, bool committed, uint32_t type, uint32_t operands[2])
+{
+    uint32_t bool_ = type_bool(writer), uint_ = type_uint(writer), one = constant_uint(writer, 1), zero = constant_uint(writer, 0);
+    uint32_t none = constant_plain(writer, SpvOpConstantFalse, bool_), all_bits = constant_uint(writer, UINT32_MAX);
+    uint32_t id = shadow_load(writer, query, SHADOW_STRUCTURE), word = structures_load(writer, id);
+    uint32_t all = state_is(writer, word, GN_STRUCTURE_NO_POSITIONS, GN_STRUCTURE_NO_POSITIONS);
+    uint32_t list = COMPUTE(writer, SpvOpShiftRightLogical, uint_, word, constant_uint(writer, GN_STRUCTURE_LIST_SHIFT));
+    uint32_t triangle = both(writer, SpvOpIEqual, type, committed ? one : zero);
+    struct branch listed;
+    branch_begin(writer, both(writer, SpvOpLogicalAnd, triangle, both(writer, SpvOpINotEqual, list, zero)), &listed);
+    uint32_t which = constant_uint(writer, committed), instance = 0;
+    instance = COMPUTE(writer, SpvOpRayQueryGetIntersectionInstanceIdKHR, uint_, query, which);
+    uint32_t inside = both(writer, SpvOpULessThan, instance, structures_load(writer, list));
+    uint32_t at = COMPUTE(writer, SpvOpShiftRightLogical, uint_, instance, constant_uint(writer, 5));
+    at = COMPUTE(writer, SpvOpIAdd, uint_, at, COMPUTE(writer, SpvOpIAdd, uint_, list, one));
+    at = COMPUTE(writer, SpvOpSelect, uint_, inside, at, list);
+    uint32_t bit = COMPUTE(writer, SpvOpShiftLeftLogical, uint_, one, masked(writer, instance, 31));
+    bit = COMPUTE(writer, SpvOpBitwiseAnd, uint_, bit, structures_load(writer, at));
+    uint32_t found = both(writer, SpvOpLogicalAnd, inside, both(writer, SpvOpINotEqual, bit, zero));
+    branch_end(writer, &listed);
+    found = branch_phi(writer, &listed, bool_, found, none);
+    operands[0] = branch_phi(writer, &listed, uint_, instance, all_bits);
+    operands[1] = id;
+    return both(writer, SpvOpLogicalAnd, triangle, both(writer, SpvOpLogicalOr, all, found));
+}
+
 /* What the query itself has to be asked for. */
 static void gather_live(struct writer *writer, const struct site *site, uint32_t state, struct gathered *gathered)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
     uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
-    uint64_t rules = site->checked & (RULES_OF_CANDIDATE | RULES_OF_COMMITTED);
+    uint64_t rules = site->checked & RULES_OF_LIVE;
     uint32_t bool_ = type_bool(writer);
     uint32_t false_ = constant_plain(writer, SpvOpConstantFalse, bool_);
-    uint32_t found[GN_SPIRV_RULE_COUNT] = {0}, operands[3] = {0};
+    uint32_t found[GN_SPIRV_RULE_COUNT] = {0}, operands[GN_RECORD_OPERANDS] = {0};
     struct branch guard;
     if (!rules)
         return;
     bool guarded = !live_getters_legal(site);
     if (guarded) {
-        uint32_t needs = rules & RULES_OF_CANDIDATE ? INITIALIZED | CANDIDATE : INITIALIZED;
+        uint32_t needs = site->committed ? INITIALIZED : INITIALIZED | CANDIDATE;
         branch_begin(writer, state_is(writer, state, needs, needs), &guard);
     }
-    uint32_t type = type_getter(writer, query, (rules & RULES_OF_COMMITTED) != 0);
+    uint32_t type = type_getter(writer, query, site->committed);
     uint32_t uint_zero = constant_uint(writer, 0);
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT; rule++) {
         if (!(rules >> rule & 1))
@@ -171,6 +200,13 @@ static void gather_live(struct writer *writer, const struct site *site, uint32_t
         case GN_SPIRV_RULE_GENERATE_RANGE:
             found[rule] = out_of_range(writer, query, inst_word(writer->module, inst, 2), operands);
             break;
+        case GN_SPIRV_RULE_STRUCTURE_NO_POSITIONS: {
+            uint32_t about[2];
+            found[rule] = positions_missing(writer, query, site->committed, type, about);
+            operands[6] = about[0];
+            operands[9] = about[1];
+            break;
+        }
         default: break;
         }
     }
@@ -179,7 +215,7 @@ static void gather_live(struct writer *writer, const struct site *site, uint32_t
     for (uint32_t rule = 0; rule < GN_SPIRV_RULE_COUNT && guarded; rule++)
         if (found[rule])
             found[rule] = branch_phi(writer, &guard, bool_, found[rule], false_);
-    for (int i = 0; i < 3; i++)
+    for (int i = 0; i < GN_RECORD_OPERANDS; i++)
         if (operands[i])
             gathered->operands[i] =
                 guarded ? branch_phi(writer, &guard, type_uint(writer), operands[i], uint_zero) : operands[i];
@@ -437,15 +473,34 @@ static void gather_structure(struct writer *writer, const struct site *site, uin
                  {GN_SPIRV_RULE_STRUCTURE_DESTROYED, GN_STRUCTURE_DESTROYED},
                  {GN_SPIRV_RULE_STRUCTURE_BOTTOM_LEVEL, GN_STRUCTURE_BOTTOM_LEVEL}};
     uint32_t bool_ = type_bool(writer);
-    uint32_t state = structure_state(writer, &writer->module->insts[site->inst], word, operands);
-    if (!state) {
+    uint32_t id = structure_id(writer, &writer->module->insts[site->inst], word, operands);
+    if (!id) {
         writer->out.failed = true; /* verdicts.c has asked the same */
         return;
     }
+    uint32_t state = masked(writer, structures_load(writer, id), GN_STRUCTURE_STATE_BITS);
     for (size_t i = 0; i < sizeof table / sizeof table[0]; i++)
         if (site->checked >> table[i].rule & 1)
             gathered->conditions[table[i].rule] = COMPUTE(writer, SpvOpIEqual, bool_, state, constant_uint(writer, table[i].state));
     either(writer, &gathered->any, COMPUTE(writer, SpvOpINotEqual, bool_, state, constant_uint(writer, GN_STRUCTURE_FINE)));
+}
+
+/* Where a hit shader reads vertex positions: nothing says through which structure the ray went. */
+static void gather_positions(struct writer *writer, const struct site *site, struct gathered *gathered)
+{
+    uint32_t kind = site->checked & RULE_BIT(HIT_POSITIONS_OF_AABB) ? builtin_load(writer, SpvBuiltInHitKindKHR, type_uint(writer)) : 0;
+    if (site->checked & RULE_BIT(HIT_POSITIONS_OF_AABB)) {
+        uint32_t no = constant_plain(writer, SpvOpConstantFalse, type_bool(writer));
+        gather(writer, gathered, GN_SPIRV_RULE_HIT_POSITIONS_OF_AABB,
+               kind ? both(writer, SpvOpULessThan, kind, constant_uint(writer, HIT_KIND_FRONT_FACING)) : no);
+    }
+    if (site->checked & RULE_BIT(STRUCTURE_NO_POSITIONS)) {
+        uint32_t unknown = constant_uint(writer, GN_STRUCTURE_ID_UNKNOWN), word = structures_load(writer, unknown);
+        gathered->operands[6] = constant_uint(writer, UINT32_MAX);
+        gathered->operands[9] = unknown;
+        gather(writer, gathered, GN_SPIRV_RULE_STRUCTURE_NO_POSITIONS,
+               state_is(writer, word, GN_STRUCTURE_NO_POSITIONS, GN_STRUCTURE_NO_POSITIONS));
+    }
 }
 
 uint32_t checks_write(struct writer *writer, const struct site *site)
@@ -467,6 +522,7 @@ uint32_t checks_write(struct writer *writer, const struct site *site)
         break;
     case OPERATION_REPORT: gather_report(writer, site, &gathered); break;
     case OPERATION_CALL: gather_call(writer, site, &gathered); break;
+    case OPERATION_POSITIONS: gather_positions(writer, site, &gathered); break;
     default:
         if (checks_need_state(site)) {
             uint32_t query = inst_word(writer->module, inst, site->operation->query_word);

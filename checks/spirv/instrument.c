@@ -14,15 +14,14 @@ struct rewrite {
     uint32_t *tail;         /* per id of a label: the label of its block's new end */
     uint32_t *continue_to;  /* per id of a label: the continue target made for a block that was its own, or 0 */
     struct words phis;      /* of the function being written: where in the output each original phi is, and its block */
-    bool *instrumented;     /* per function: has checks, itself or in what it calls */
+    bool *instrumented;     /* per function: has checks, or queries that may have shadows, itself or in what it calls */
 };
 
 /* Shadows */
 
-static bool group_has(const struct analysis *analysis, uint32_t root, bool tmax)
+static bool group_has(const struct analysis *analysis, uint32_t root, enum shadow shadow)
 {
-    const struct root *group = &analysis->roots[analysis->roots[root].group];
-    return tmax ? group->needs_tmax : group->needs_state;
+    return analysis->roots[analysis->roots[root].group].needs[shadow];
 }
 
 /* The type that mirrors `type` with a scalar for each query. */
@@ -35,17 +34,18 @@ static uint32_t mirror_type(struct writer *writer, uint32_t type, uint32_t scala
     return TYPE(writer, SpvOpTypeArray, element, inst_word(writer->module, inst, 3));
 }
 
-static uint32_t mirror_of(struct writer *writer, uint32_t root, bool tmax)
+static uint32_t mirror_of(struct writer *writer, uint32_t root, enum shadow shadow)
 {
-    if (writer->analysis->roots[root].packed && !tmax)
-        return type_uint(writer);
-    return mirror_type(writer, writer->analysis->roots[root].pointee, tmax ? type_float(writer) : type_uint(writer));
+    uint32_t scalar = shadow_is_float(shadow) ? type_float(writer) : type_uint(writer);
+    if (writer->analysis->roots[root].packed && shadow == SHADOW_STATE)
+        return scalar;
+    return mirror_type(writer, writer->analysis->roots[root].pointee, scalar);
 }
 
-static uint32_t mirror_pointer(struct writer *writer, uint32_t root, bool tmax)
+static uint32_t mirror_pointer(struct writer *writer, uint32_t root, enum shadow shadow)
 {
     const struct root *of = &writer->analysis->roots[root];
-    return type_pointer(writer, of->storage, mirror_of(writer, root, tmax));
+    return type_pointer(writer, of->storage, mirror_of(writer, root, shadow));
 }
 
 static void shadows_plan(struct writer *writer)
@@ -56,35 +56,35 @@ static void shadows_plan(struct writer *writer)
         if (site->root == NONE)
             continue;
         struct root *group = &analysis->roots[analysis->roots[site->root].group];
-        group->needs_state |= site->checked && checks_need_state(site);
-        group->needs_tmax |= (site->checked & RULE_BIT(GENERATE_RANGE)) != 0;
+        group->needs[SHADOW_STATE] |= site->checked && checks_need_state(site);
+        group->needs[SHADOW_TMAX] |= (site->checked & RULE_BIT(GENERATE_RANGE)) != 0;
+        group->needs[SHADOW_STRUCTURE] |= (site->checked & RULE_BIT(STRUCTURE_NO_POSITIONS)) != 0;
     }
     for (uint32_t r = 0; r < analysis->root_count; r++)
         shadow_pack(analysis, &analysis->roots[r]);
     for (uint32_t r = 0; r < analysis->root_count; r++)
-        for (int tmax = 0; tmax < 2; tmax++) {
-            if (!group_has(analysis, r, tmax))
+        for (enum shadow shadow = 0; shadow < SHADOW_COUNT; shadow++) {
+            if (!group_has(analysis, r, shadow))
                 continue;
             uint32_t id = new_id(writer);
-            (tmax ? writer->tmax_of : writer->state_of)[r] = id;
+            writer->shadow_of[shadow][r] = id;
             if (analysis->roots[r].function != NONE)
                 continue;
-            uint32_t pointer = mirror_pointer(writer, r, tmax);
-            uint32_t null = constant_plain(writer, SpvOpConstantNull, mirror_of(writer, r, tmax));
+            uint32_t pointer = mirror_pointer(writer, r, shadow);
+            uint32_t null = constant_plain(writer, SpvOpConstantNull, mirror_of(writer, r, shadow));
             EMIT(&writer->globals, SpvOpVariable, pointer, id, SpvStorageClassPrivate, null);
             if (writer->module->words[1] >= 0x10400)
                 words_add(&writer->interface, &id, 1);
         }
 }
 
-/* The shadows of one query, in the order in which they are passed: state, then tmax. */
-static uint32_t shadows_of(const struct writer *writer, uint32_t root, uint32_t out[2])
+/* The shadows of one query, in the order in which they are passed. */
+static uint32_t shadows_of(const struct writer *writer, uint32_t root, uint32_t out[SHADOW_COUNT])
 {
     uint32_t count = 0;
-    if (writer->state_of[root])
-        out[count++] = writer->state_of[root];
-    if (writer->tmax_of[root])
-        out[count++] = writer->tmax_of[root];
+    for (enum shadow shadow = 0; shadow < SHADOW_COUNT; shadow++)
+        if (writer->shadow_of[shadow][root])
+            out[count++] = writer->shadow_of[shadow][root];
     return count;
 }
 
@@ -92,12 +92,12 @@ static void shadow_variables(struct writer *writer, uint32_t function)
 {
     for (uint32_t r = 0; r < writer->analysis->root_count; r++) {
         const struct root *root = &writer->analysis->roots[r];
-        for (int tmax = 0; tmax < 2; tmax++) {
-            uint32_t id = (tmax ? writer->tmax_of : writer->state_of)[r];
+        for (enum shadow shadow = 0; shadow < SHADOW_COUNT; shadow++) {
+            uint32_t id = writer->shadow_of[shadow][r];
             if (!id || root->function != function || root->parameter != NONE)
                 continue;
-            uint32_t null = constant_plain(writer, SpvOpConstantNull, mirror_of(writer, r, tmax));
-            uint32_t pointer = mirror_pointer(writer, r, tmax);
+            uint32_t null = constant_plain(writer, SpvOpConstantNull, mirror_of(writer, r, shadow));
+            uint32_t pointer = mirror_pointer(writer, r, shadow);
             EMIT(&writer->out, SpvOpVariable, pointer, id, SpvStorageClassFunction, null);
         }
     }
@@ -107,10 +107,10 @@ static void shadow_parameters(struct writer *writer, const struct function *func
 {
     for (uint32_t p = 0; p < function->parameter_count; p++) {
         uint32_t r = writer->analysis->root_of[writer->module->insts[function->first_parameter + p].result];
-        for (int tmax = 0; r != NONE && tmax < 2; tmax++) {
-            uint32_t id = (tmax ? writer->tmax_of : writer->state_of)[r];
+        for (enum shadow shadow = 0; r != NONE && shadow < SHADOW_COUNT; shadow++) {
+            uint32_t id = writer->shadow_of[shadow][r];
             if (id)
-                EMIT(&writer->out, SpvOpFunctionParameter, mirror_pointer(writer, r, tmax), id);
+                EMIT(&writer->out, SpvOpFunctionParameter, mirror_pointer(writer, r, shadow), id);
         }
     }
 }
@@ -126,10 +126,10 @@ static uint32_t shadow_function_type(struct writer *writer, const struct functio
         operands[count++] = inst_word(module, type, w);
     for (uint32_t p = 0; p < function->parameter_count; p++) {
         uint32_t r = writer->analysis->root_of[module->insts[function->first_parameter + p].result];
-        for (int tmax = 0; r != NONE && tmax < 2; tmax++) {
-            if (!(tmax ? writer->tmax_of : writer->state_of)[r])
+        for (enum shadow shadow = 0; r != NONE && shadow < SHADOW_COUNT; shadow++) {
+            if (!writer->shadow_of[shadow][r])
                 continue;
-            uint32_t pointer = mirror_pointer(writer, r, tmax);
+            uint32_t pointer = mirror_pointer(writer, r, shadow);
             if (count == MAX_TYPE_OPERANDS) {
                 writer->out.failed = true;
                 return original;
@@ -163,12 +163,12 @@ static void copy_longer(struct writer *writer, const struct inst *inst, const ui
 
 static void write_call(struct writer *writer, const struct inst *inst)
 {
-    uint32_t more[2 * 256], count = 0;
+    uint32_t more[SHADOW_COUNT * 256], count = 0;
     for (uint32_t a = 4; a < inst->count; a++) {
         uint32_t root = pointer_root(writer->analysis, inst_word(writer->module, inst, a), NULL, NULL);
         if (root == NONE)
             continue;
-        if (count + 2 > sizeof more / sizeof more[0]) {
+        if (count + SHADOW_COUNT > sizeof more / sizeof more[0]) {
             writer->out.failed = true;
             return;
         }
@@ -403,7 +403,7 @@ static bool find_instrumented(struct rewrite *rewrite)
     if (!rewrite->instrumented)
         return false;
     for (uint32_t s = 0; s < rewrite->analysis->site_count; s++)
-        if (rewrite->analysis->sites[s].checked)
+        if (rewrite->analysis->sites[s].checked || rewrite->analysis->sites[s].root != NONE)
             rewrite->instrumented[module->blocks[rewrite->analysis->sites[s].block].function] = true;
     for (bool again = true; again;) {
         again = false;
@@ -545,10 +545,13 @@ enum gn_spirv_status rewrite_module(struct analysis *analysis, struct gn_spirv_r
     }
     rewrite.tail = arena_alloc(module->arena, module->bound, sizeof *rewrite.tail);
     rewrite.continue_to = arena_alloc(module->arena, module->bound, sizeof *rewrite.continue_to);
-    writer.state_of = arena_alloc(module->arena, analysis->root_count + 1u, sizeof *writer.state_of);
-    writer.tmax_of = arena_alloc(module->arena, analysis->root_count + 1u, sizeof *writer.tmax_of);
-    if (!rewrite.tail || !rewrite.continue_to || !writer.state_of || !writer.tmax_of || !find_instrumented(&rewrite))
+    if (!rewrite.tail || !rewrite.continue_to || !find_instrumented(&rewrite))
         goto done;
+    for (enum shadow shadow = 0; shadow < SHADOW_COUNT; shadow++) {
+        writer.shadow_of[shadow] = arena_alloc(module->arena, analysis->root_count + 1u, sizeof *writer.shadow_of[shadow]);
+        if (!writer.shadow_of[shadow])
+            goto done;
+    }
     if (!records_prepare(&writer)) {
         status = GN_SPIRV_DECLINED;
         goto done;

@@ -243,6 +243,8 @@ static bool index_ids(struct module *module)
             }
         if (inst->result)
             module->definition[inst->result] = i;
+        module->reads_positions |=
+            inst->opcode == SpvOpCapability && inst_word(module, inst, 1) == SpvCapabilityRayTracingPositionFetchKHR;
     }
     return true;
 }
@@ -506,7 +508,8 @@ bool gn_spirv_has_queries(const uint32_t *words, size_t word_count)
         uint32_t length = words[at] >> 16, opcode = words[at] & 0xFFFF;
         if (length == 0 || length > word_count - at)
             return false;
-        if (opcode == SpvOpTypeRayQueryKHR || (pipeline && operation_of(opcode)))
+        bool positions = opcode == SpvOpCapability && length > 1 && words[at + 1] == SpvCapabilityRayTracingPositionFetchKHR;
+        if (opcode == SpvOpTypeRayQueryKHR || positions || (pipeline && operation_of(opcode)))
             return true;
         pipeline |= opcode == SpvOpCapability && length > 1 &&
                     (words[at + 1] == SpvCapabilityRayTracingKHR || words[at + 1] == SpvCapabilityRayTracingNV);

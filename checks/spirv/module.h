@@ -57,6 +57,7 @@ struct module {
     uint32_t function_count;
     struct block *blocks;
     uint32_t block_count;
+    bool reads_positions; /* it has the capability to read vertex positions in hit shaders */
     uint32_t globals_end; /* the first instruction of the function section, lines before the first function included */
     char *message;
     size_t message_size;

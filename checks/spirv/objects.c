@@ -23,6 +23,33 @@ const struct operation *operation_of(uint32_t opcode)
     return NULL;
 }
 
+/* Whether a pointer leads into an input that has that built-in decoration. */
+static bool leads_to_builtin(const struct module *module, uint32_t id, uint32_t builtin)
+{
+    const struct inst *inst = definition_of(module, id);
+    for (int depth = 0; depth < 8 && inst && (inst->opcode == SpvOpAccessChain || inst->opcode == SpvOpInBoundsAccessChain); depth++)
+        inst = definition_of(module, inst_word(module, inst, 3));
+    if (!inst || inst->opcode != SpvOpVariable || inst_word(module, inst, 3) != SpvStorageClassInput)
+        return false;
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *decoration = &module->insts[i];
+        if (decoration->opcode == SpvOpDecorate && inst_word(module, decoration, 1) == inst->result &&
+            inst_word(module, decoration, 2) == SpvDecorationBuiltIn && inst_word(module, decoration, 3) == builtin)
+            return true;
+    }
+    return false;
+}
+
+const struct operation *operation_at(const struct module *module, const struct inst *inst)
+{
+    static const struct operation positions = {
+        SpvOpLoad, "OpLoad of HitTriangleVertexPositionsKHR", 0, 0, OPERATION_POSITIONS, NEEDS_NOTHING};
+    if (inst->opcode == SpvOpLoad && module->reads_positions &&
+        leads_to_builtin(module, inst_word(module, inst, 3), SpvBuiltInHitTriangleVertexPositionsKHR))
+        return &positions;
+    return operation_of(inst->opcode);
+}
+
 /* Whether a type is a query, or an array of queries of up to three dimensions; then the number of queries, or 0 if it depends on a
  * specialization constant. */
 static bool holds_queries(const struct module *module, uint32_t type, uint32_t *out_elements)
@@ -414,7 +441,7 @@ static enum gn_spirv_status find_sites(struct analysis *analysis)
     struct module *module = analysis->module;
     uint32_t count = 0;
     for (uint32_t i = 0; i < module->inst_count; i++)
-        count += operation_of(module->insts[i].opcode) != NULL;
+        count += operation_at(module, &module->insts[i]) != NULL;
     analysis->sites = arena_alloc(module->arena, count + 1u, sizeof *analysis->sites);
     analysis->site_of = arena_alloc(module->arena, module->inst_count, sizeof *analysis->site_of);
     if (!analysis->sites || !analysis->site_of)
@@ -424,7 +451,7 @@ static enum gn_spirv_status find_sites(struct analysis *analysis)
         const struct block *block = &module->blocks[b];
         for (uint32_t i = block->first; i <= block->last; i++) {
             const struct inst *inst = &module->insts[i];
-            const struct operation *operation = operation_of(inst->opcode);
+            const struct operation *operation = operation_at(module, inst);
             if (!operation)
                 continue;
             const uint32_t unfit = operands_unfit(module, inst, operation);

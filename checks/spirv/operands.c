@@ -373,7 +373,7 @@ static struct operand_verdict judge_report(const struct analysis *analysis, cons
 struct operand_verdict operands_judge(const struct analysis *analysis, const struct inst *inst)
 {
     const struct module *module = analysis->module;
-    const struct operation *operation = operation_of(inst->opcode);
+    const struct operation *operation = operation_at(analysis->module, inst);
     struct operand_verdict verdict = {0, 0};
     float t;
     switch (operation->kind) {

@@ -46,6 +46,17 @@ static uint32_t builtin_make(struct writer *writer, uint32_t builtin, uint32_t t
     return id;
 }
 
+bool hit_shaders_only(const struct module *module)
+{
+    for (uint32_t i = 0; i < module->globals_end; i++) {
+        const struct inst *inst = &module->insts[i];
+        if (inst->opcode == SpvOpEntryPoint && inst_word(module, inst, 1) != SpvExecutionModelAnyHitKHR &&
+            inst_word(module, inst, 1) != SpvExecutionModelClosestHitKHR)
+            return false;
+    }
+    return true;
+}
+
 /* The built-ins that tell the invocations of a shader stage apart. */
 enum invocation_kind { INVOCATION_NONE, INVOCATION_COMPUTE, INVOCATION_FRAGMENT, INVOCATION_VERTEX, INVOCATION_LAUNCH };
 
@@ -284,9 +295,9 @@ uint32_t launch_callables(struct writer *writer)
     return word_load(writer, constant_uint(writer, GN_LAUNCH_CALLABLES));
 }
 
-static uint32_t launch_builtin(struct writer *writer, uint32_t builtin)
+uint32_t builtin_load(struct writer *writer, uint32_t builtin, uint32_t type)
 {
-    uint32_t variable = builtin_make(writer, builtin, type_uint3(writer));
+    uint32_t variable = builtin_make(writer, builtin, type);
     bool listed = false;
     if (!variable)
         return 0;
@@ -294,13 +305,16 @@ static uint32_t launch_builtin(struct writer *writer, uint32_t builtin)
         listed |= writer->interface.data[i] == variable;
     if (!listed)
         words_add(&writer->interface, &variable, 1);
-    return COMPUTE(writer, SpvOpLoad, type_uint3(writer), variable);
+    const struct inst *definition = definition_of(writer->module, variable);
+    const struct inst *pointer = definition ? definition_of(writer->module, definition->type) : NULL;
+    uint32_t own = pointer ? inst_word(writer->module, pointer, 3) : type, value = COMPUTE(writer, SpvOpLoad, own, variable);
+    return own == type ? value : COMPUTE(writer, SpvOpBitcast, type, value);
 }
 
 uint32_t launch_depth_enter(struct writer *writer)
 {
-    uint32_t uint_ = type_uint(writer), id = launch_builtin(writer, SpvBuiltInLaunchIdKHR);
-    uint32_t size = launch_builtin(writer, SpvBuiltInLaunchSizeKHR), scratch = constant_uint(writer, GN_LAUNCH_SCRATCH);
+    uint32_t uint_ = type_uint(writer), id = builtin_load(writer, SpvBuiltInLaunchIdKHR, type_uint3(writer));
+    uint32_t size = builtin_load(writer, SpvBuiltInLaunchSizeKHR, type_uint3(writer)), scratch = constant_uint(writer, GN_LAUNCH_SCRATCH);
     writer->depth_word = scratch;
     if (!id || !size)
         return constant_uint(writer, 0);

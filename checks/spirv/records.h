@@ -40,7 +40,8 @@ enum gn_record_word {
     GN_RECORD_OPERAND = 4,  /* Initialize and rules of a traced ray: flags, mask, origin, tmin, direction, tmax.
                                Generate: t, tmin, current t. Other rules of a trace: SBT offset, SBT stride, miss index,
                                time, depth, greatest depth; and from the seventh on, as of an Initialize from the first on, where rules of structures are
-                               among them: set, binding, index, id. Report: t, hit kind. Call: index, number of callables */
+                               among them: set, binding, index, id. Report: t, hit kind. Call: index, number of callables.
+                               Positions: from the seventh on instance, 0, 0, id; ~0 for an instance that was not asked for */
     GN_RECORD_CHECKSUM = 14,/* of the words before it, see gn_record_checksum() */
     GN_RECORD_WRITTEN = 15, /* 1, written last */
 };
@@ -67,7 +68,19 @@ enum gn_root_word {
 /* What acceleration structures are. A shader cannot look at one, so each descriptor set that holds any has a mirror, a storage buffer at
  * binding GN_MIRROR_BINDING, written by whoever writes the descriptors: for each binding below GN_MIRROR_BINDINGS the word at
  * which its entries start and how many there are, and in the entries the ids of structures. A table at an address of its own has a word
- * for each of GN_STRUCTURES ids (enum gn_structure_state). */
+ * for each of GN_STRUCTURES ids, 0 while nobody knows anything of it:
+ *
+ *   bits 0 to 2   its state (enum gn_structure_state)
+ *   bit 3         GN_STRUCTURE_NO_POSITIONS: no BLAS in it lets shaders read vertex positions, all were built without
+ *                 ALLOW_DATA_ACCESS. In the word of GN_STRUCTURE_ID_UNKNOWN: no BLAS on the device does. That word is asked where a
+ *                 shader cannot tell the structure, as in hit shaders
+ *   the others    the word of the table, counted from its start, at which the structure's list of instances begins; 0 for none. The list
+ *                 lies behind the table's GN_STRUCTURES words: how many instances there are, then a bit for each (instance i is bit i % 32 of word
+ *                 i / 32), set where its BLAS was built without ALLOW_DATA_ACCESS
+ *
+ * Both of these are only set where they are known for the structure as the shader will find it; while they are not, they stay 0 and nothing is
+ * concluded. The list is written before the word that leads to it, and its memory has no other use as long as work may run
+ * that read the word. */
 #define GN_MIRROR_BINDING 128
 #define GN_MIRROR_BINDINGS 128
 #define GN_STRUCTURES 65536u /* a power of two */
@@ -79,6 +92,9 @@ enum gn_structure_state {
     GN_STRUCTURE_BOTTOM_LEVEL,
     GN_STRUCTURE_NONE,
 };
+#define GN_STRUCTURE_STATE_BITS 7u
+#define GN_STRUCTURE_NO_POSITIONS 8u
+#define GN_STRUCTURE_LIST_SHIFT 4
 
 /* What the shadow state of a query says before the operation. 0 where the check needs no state. */
 #define GN_RECORD_STATE_INITIALIZED 1u

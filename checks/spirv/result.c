@@ -111,7 +111,7 @@ void gn_spirv_instrument(const uint32_t *words, size_t word_count, const struct 
         goto done;
     bool concerned = false;
     for (uint32_t i = 0; i < module.inst_count && !concerned; i++)
-        concerned = operation_of(module.insts[i].opcode) != NULL;
+        concerned = operation_at(&module, &module.insts[i]) != NULL;
     if (!concerned) {
         say(&module, "the module has no operation on ray queries and no trace");
         goto done;

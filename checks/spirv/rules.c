@@ -352,6 +352,13 @@ static const struct gn_spirv_rule rules[] = {
          .remedy = "Bind a larger table, or bound the index.",
          .sources = {"VkStridedDeviceAddressRegionKHR", "SPV_KHR_ray_tracing"},
          .severity = UNDEFINED},
+    [GN_SPIRV_RULE_HIT_POSITIONS_OF_AABB] =
+        {.id = "hit.positions_of_aabb",
+         .title = "vertex positions read in a hit shader where no triangle was hit",
+         .text = "HitTriangleVertexPositionsKHR has a value only where HitKindKHR is that of a triangle.",
+         .remedy = "Test gl_HitKindEXT first, or keep the shader to hit groups of triangles.",
+         .sources = {"VUID-HitTriangleVertexPositionsKHR-HitTriangleVertexPositionsKHR-08750"},
+         .severity = UNDEFINED},
     [GN_SPIRV_RULE_STRUCTURE_NONE] =
         {.id = "structure.none",
          .title = "ray traced where the descriptor holds no acceleration structure",
@@ -380,6 +387,14 @@ static const struct gn_spirv_rule rules[] = {
          .text = "A ray is traced through what was built as a top-level acceleration structure.",
          .remedy = "Write a TLAS that holds the BLAS into the descriptor.",
          .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359"},
+         .severity = UNDEFINED},
+    [GN_SPIRV_RULE_STRUCTURE_NO_POSITIONS] =
+        {.id = "structure.no_positions",
+         .title = "vertex positions read of a BLAS that was built without ALLOW_DATA_ACCESS",
+         .text = "Vertex positions can be read of triangles whose BLAS was built with "
+                 "VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_BIT_KHR.",
+         .remedy = "Build the BLAS with the flag, or read the vertices from a buffer.",
+         .sources = {"VUID-RuntimeSpirv-flags-08761", "VUID-HitTriangleVertexPositionsKHR-None-08751"},
          .severity = UNDEFINED},
 };
 

@@ -50,7 +50,8 @@ struct gn_spirv_options {
     uint64_t disabled;       /* a bit per rule that is not to be evaluated */
     uint32_t set, binding;   /* of the storage buffer that records go to, unless `root` says otherwise */
     uint64_t root, key;      /* the device address of a table of buffers, 0 for none, and the module's key in it (records.h) */
-    uint64_t structures;     /* the device address of the table of structures, 0 for none: their rules are not judged then (records.h) */
+    uint64_t structures;     /* the device address of the table of structures, 0 for none: their rules, and whether vertex positions may be read,
+                                are not judged then. What its words say stands in records.h; bits that nobody sets accuse nobody */
     uint32_t proceed_limit;  /* report a query that calls Proceed more often since its initialization; 0: never */
 
     /* Of the ray-tracing pipeline that the module is for. What is not known is not judged. */

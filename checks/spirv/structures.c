@@ -73,7 +73,7 @@ static uint32_t mirror_word(struct writer *writer, uint32_t mirror, uint32_t at)
     return COMPUTE(writer, SpvOpLoad, uint_, pointer);
 }
 
-uint32_t structure_state(struct writer *writer, const struct inst *operation, uint32_t word, uint32_t out_operands[4])
+uint32_t structure_id(struct writer *writer, const struct inst *operation, uint32_t word, uint32_t out_operands[4])
 {
     struct structure_operand operand;
     uint32_t uint_ = type_uint(writer), bool_ = type_bool(writer);
@@ -99,5 +99,5 @@ uint32_t structure_state(struct writer *writer, const struct inst *operation, ui
     out_operands[1] = constant_uint(writer, operand.binding);
     out_operands[2] = index;
     out_operands[3] = id;
-    return structures_load(writer, id);
+    return id;
 }

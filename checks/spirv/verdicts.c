@@ -73,6 +73,7 @@ static uint64_t rules_of_operands(const struct analysis *analysis, const struct 
 {
     const struct gn_spirv_options *options = analysis->options;
     const uint64_t ray = ((UINT64_C(1) << RULES_OF_RAY) - 1) << GN_SPIRV_RULE_INITIALIZE_NAN;
+    const uint64_t positions = options->structures && options->root ? RULE_BIT(STRUCTURE_NO_POSITIONS) : 0;
     uint64_t rules, of_structure = rules_of_structure(analysis, site);
     switch (site->operation->kind) {
     case OPERATION_INITIALIZE: return ray | of_structure;
@@ -95,6 +96,9 @@ static uint64_t rules_of_operands(const struct analysis *analysis, const struct 
         rules = RULE_BIT(REPORT_HIT_KIND) | RULE_BIT(REPORT_NAN);
         return options->max_attribute ? rules | RULE_BIT(REPORT_ATTRIBUTE_SIZE) : rules;
     case OPERATION_CALL: return RULE_BIT(CALL_RANGE);
+    case OPERATION_POSITIONS: return (hit_shaders_only(analysis->module) ? RULE_BIT(HIT_POSITIONS_OF_AABB) : 0) | positions;
+    case OPERATION_GET:
+        return analysis->module->insts[site->inst].opcode == SpvOpRayQueryGetIntersectionTriangleVertexPositionsKHR ? positions : 0;
     default: return 0;
     }
 }
@@ -148,6 +152,8 @@ static void verdict_make(struct analysis *analysis, struct site *site, uint64_t 
     }
     if (site->operation->kind == OPERATION_PROCEED && site->states)
         site->checked |= RULE_BIT(PROCEED_LIMIT);
+    if (site->operation->kind == OPERATION_GET && site->states)
+        site->checked |= RULE_BIT(STRUCTURE_NO_POSITIONS);
     if (site->operation->kind == OPERATION_GENERATE && (site->states & STATES_AT_AABB)) {
         site->wrong |= operands.wrong;
         site->checked |= RULE_BIT(GENERATE_RANGE);

@@ -50,7 +50,7 @@ struct writer {
     } mirrors[32];             /* variables of the mirrors of descriptor sets */
     uint32_t mirror_count, mirror_pointer;
     uint32_t no_structure;    /* of the site being written: whether it has to do without its structure; 0 if nobody asks */
-    uint32_t *state_of, *tmax_of; /* per root: the shadow variable or parameter, or 0 */
+    uint32_t *shadow_of[SHADOW_COUNT]; /* per root: the shadow variable or parameter, or 0 */
 };
 
 uint32_t new_id(struct writer *writer);
@@ -102,8 +102,8 @@ uint32_t launch_callables(struct writer *writer);
 uint32_t launch_depth_enter(struct writer *writer);
 void launch_depth_leave(struct writer *writer);
 
-/* The state of the structure that the operand is loaded from, and what a record says of it; 0 where it cannot be told. */
-uint32_t structure_state(struct writer *writer, const struct inst *operation, uint32_t word, uint32_t out_operands[4]);
+/* The id of the structure that the operand is loaded from, and what a record says of it; 0 where it cannot be told. */
+uint32_t structure_id(struct writer *writer, const struct inst *operation, uint32_t word, uint32_t out_operands[4]);
 /* The word of the table of structures. */
 uint32_t structures_load(struct writer *writer, uint32_t id);
 
@@ -117,6 +117,11 @@ void shadow_update(struct writer *writer, const struct site *site);
 void shadow_pack(struct analysis *analysis, struct root *root);
 /* What the shadow says of the query that `query` leads to; above the bits of a state may stand those of others. */
 uint32_t shadow_state(struct writer *writer, uint32_t query);
-uint32_t shadow_tmax(struct writer *writer, uint32_t query);
+/* Another shadow of it. */
+uint32_t shadow_load(struct writer *writer, uint32_t query, enum shadow shadow);
+/* Of floats, where it is not of unsigned integers. */
+bool shadow_is_float(enum shadow shadow);
+/* The value of an input that a built-in decoration names, or 0 where the module has it in another form. */
+uint32_t builtin_load(struct writer *writer, uint32_t builtin, uint32_t type);
 
 #endif

@@ -54,7 +54,10 @@ static void options_parse(struct shader *shader, char *text)
             shader->options.forbidden_ray_flags = number;
         else if (strcmp(word, "callables") == 0)
             shader->callables = number;
-        else
+        else if (strcmp(word, "structures") == 0) {
+            shader->asks_structures = true;
+            shader->structures = number;
+        } else
             fail_msg("%s: there is no option '%s'", shader->file, word);
     }
 }

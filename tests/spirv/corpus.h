@@ -3,7 +3,8 @@
  *
  *   //! why: one sentence                  what the shader is about
  *   //! clauses: NG-031 VUID-...           what it is evidence for
- *   //! options: profile=wgpu limit=4      see corpus_options(); the default is none
+ *   //! options: profile=wgpu limit=4      see options_parse(); the default is none. With structures=9 the rules about structures are judged,
+ *                                          and that is what the table says of the scene (tracer_structures())
  *   //! run: choice=1 value=nan lane=5 -> initialize.nan*1 proceed.limit*8
  *                                          one run on the device: what the shader is told, and which rules fire how often over
  *                                          all invocations. Nothing behind the arrow: it stays silent, and computes what
@@ -53,7 +54,8 @@ struct shader {
     bool assembly;
     char why[200], clauses[200], twin[64];
     struct gn_spirv_options options;
-    uint32_t callables;
+    uint32_t callables, structures;
+    bool asks_structures;
     struct mark marks[MAX_MARKS];
     struct run runs[MAX_RUNS];
     uint32_t mark_count, run_count;

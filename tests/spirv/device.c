@@ -56,7 +56,7 @@ struct tracer {
     VkDescriptorPool descriptors;
     VkDescriptorSet sets[2];
     struct structure triangle, box, scene;
-    struct buffer output, root;
+    struct buffer output, root, mirror, structures_table;
     bool pipelines, meshes, positions; /* that the driver has the extension */
     uint32_t handle_size, handle_stride, base_stride;
 #define X(name) PFN_vk##name name;
@@ -296,16 +296,17 @@ static void build_scene(struct tracer *tracer)
 
 static void create_descriptors(struct tracer *tracer)
 {
-    VkDescriptorSetLayoutBinding bindings[2 + MAX_STAGES] = {
+    VkDescriptorSetLayoutBinding bindings[3 + MAX_STAGES] = {
         {0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1, VK_SHADER_STAGE_ALL, NULL},
-        {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_ALL, NULL}};
+        {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_ALL, NULL},
+        {GN_MIRROR_BINDING, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_ALL, NULL}};
     for (uint32_t i = 0; i < MAX_STAGES; i++)
-        bindings[2 + i] =
+        bindings[3 + i] =
             (VkDescriptorSetLayoutBinding){i, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_ALL, NULL};
     for (uint32_t s = 0; s < 2; s++) {
         VkDescriptorSetLayoutCreateInfo info = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO,
-                                                .bindingCount = s ? MAX_STAGES : 2,
-                                                .pBindings = bindings + 2 * s};
+                                                .bindingCount = s ? MAX_STAGES : 3,
+                                                .pBindings = bindings + 3 * s};
         REQUIRE(vkCreateDescriptorSetLayout(tracer->device, &info, NULL, &tracer->set_layouts[s]));
     }
     VkPushConstantRange push = {VK_SHADER_STAGE_ALL, 0, sizeof(struct choices)};
@@ -316,7 +317,7 @@ static void create_descriptors(struct tracer *tracer)
                                          .pPushConstantRanges = &push};
     REQUIRE(vkCreatePipelineLayout(tracer->device, &layout, NULL, &tracer->layout));
     const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1},
-                                          {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1 + MAX_STAGES}};
+                                          {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 2 + MAX_STAGES}};
     VkDescriptorPoolCreateInfo pool = {.sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO,
                                        .maxSets = 2,
                                        .poolSizeCount = 2,
@@ -332,7 +333,13 @@ static void create_descriptors(struct tracer *tracer)
         .sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET_ACCELERATION_STRUCTURE_KHR,
         .accelerationStructureCount = 1,
         .pAccelerationStructures = &tracer->scene.handle};
-    VkDescriptorBufferInfo output = {tracer->output.handle, 0, VK_WHOLE_SIZE};
+    /* The mirror of the set: one entry, of binding 0, for the structure whose id is the first. */
+    static const uint32_t mirror[] = {2, 1, GN_STRUCTURE_ID_FIRST}, lists[] = {2, 1u << 0, 2, 1u << 1};
+    tracer->mirror = buffer_create(tracer, 2 * GN_MIRROR_BINDINGS * sizeof(uint32_t));
+    memcpy(tracer->mirror.mapped, mirror, sizeof mirror);
+    tracer->structures_table = buffer_create(tracer, GN_STRUCTURES * sizeof(uint32_t) + sizeof lists);
+    memcpy((uint32_t *)tracer->structures_table.mapped + GN_STRUCTURES, lists, sizeof lists);
+    VkDescriptorBufferInfo output = {tracer->output.handle, 0, VK_WHOLE_SIZE}, mirrored = {tracer->mirror.handle, 0, VK_WHOLE_SIZE};
     VkWriteDescriptorSet writes[] = {{.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
                                       .pNext = &scene,
                                       .dstSet = tracer->sets[0],
@@ -343,8 +350,14 @@ static void create_descriptors(struct tracer *tracer)
                                       .dstBinding = 1,
                                       .descriptorCount = 1,
                                       .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
-                                      .pBufferInfo = &output}};
-    vkUpdateDescriptorSets(tracer->device, 2, writes, 0, NULL);
+                                      .pBufferInfo = &output},
+                                     {.sType = VK_STRUCTURE_TYPE_WRITE_DESCRIPTOR_SET,
+                                      .dstSet = tracer->sets[0],
+                                      .dstBinding = GN_MIRROR_BINDING,
+                                      .descriptorCount = 1,
+                                      .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
+                                      .pBufferInfo = &mirrored}};
+    vkUpdateDescriptorSets(tracer->device, 3, writes, 0, NULL);
 }
 
 struct tracer *tracer_create(void)
@@ -361,6 +374,11 @@ struct tracer *tracer_create(void)
 uint64_t tracer_root(const struct tracer *tracer)
 {
     return tracer->root.address;
+}
+
+uint64_t tracer_structures(const struct tracer *tracer)
+{
+    return tracer->structures_table.address;
 }
 
 #define STAGES_OF_PIPELINES                                                                                            \
@@ -422,7 +440,7 @@ static void create_traced(struct tracer *tracer, struct program *program, const 
             groups[GROUP_BOXES].intersectionShader = i;
             break;
         case VK_SHADER_STAGE_ANY_HIT_BIT_KHR: groups[GROUP_TRIANGLES].anyHitShader = i; break;
-        default: groups[GROUP_TRIANGLES].closestHitShader = i; break;
+        default: groups[GROUP_TRIANGLES].closestHitShader = groups[GROUP_BOXES].closestHitShader = i; break;
         }
     uint32_t count = 0;
     for (int g = 0; g < GROUP_COUNT; g++)
@@ -566,6 +584,9 @@ static void write_records(struct tracer *tracer, const struct program *program, 
     root[GN_LAUNCH_CALLABLES] = program->callables + 1;
     root[GN_LAUNCH_DEPTHS] = GN_ROOT_WORDS(ROOT_CAPACITY);
     root[GN_LAUNCH_DEPTH_COUNT] = LANES;
+    uint32_t *structures = tracer->structures_table.mapped;
+    structures[GN_STRUCTURE_ID_FIRST] = program->structures;
+    structures[GN_STRUCTURE_ID_UNKNOWN] = GN_STRUCTURE_FINE | (program->structures & GN_STRUCTURE_NO_POSITIONS);
     for (uint32_t i = 0; i < program->stage_count; i++) {
         const struct stage *stage = &program->stages[i];
         buffers[i] = buffer_create(tracer, (stage->record_words + GN_RECORDS_HEADER + LANES) * 4);
@@ -640,6 +661,8 @@ void tracer_destroy(struct tracer *tracer)
     }
     buffer_destroy(tracer, &tracer->output);
     buffer_destroy(tracer, &tracer->root);
+    buffer_destroy(tracer, &tracer->mirror);
+    buffer_destroy(tracer, &tracer->structures_table);
     vkDestroyDescriptorPool(tracer->device, tracer->descriptors, NULL);
     vkDestroyPipelineLayout(tracer->device, tracer->layout, NULL);
     for (int s = 0; s < 2; s++)

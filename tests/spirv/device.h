@@ -41,6 +41,7 @@ struct program {
     uint32_t callables; /* what the shaders are told of the callable shader binding table; it has twice the records, so that those
                            beyond can be called without harm */
     uint32_t recursion; /* maxPipelineRayRecursionDepth */
+    uint32_t structures; /* what the table of structures says of the scene, and of what is not known; see tracer_structures() */
     VkPipeline pipeline; /* of the tracer; made by the first run, gone with tracer_forget() */
 };
 
@@ -48,6 +49,9 @@ struct tracer *tracer_create(void);
 void tracer_destroy(struct tracer *tracer);
 /* The address of the table of record buffers. */
 uint64_t tracer_root(const struct tracer *tracer);
+/* The address of the table of structures. It has two lists: at its word GN_STRUCTURES (a structure's word then has 0x100000) one in which the
+ * triangle's BLAS does not let its vertices be read, and two words further (0x100020) one in which the box's does not. */
+uint64_t tracer_structures(const struct tracer *tracer);
 /* Whether the driver has what such a stage needs. */
 bool tracer_supports(const struct tracer *tracer, VkShaderStageFlagBits stage);
 /* One workgroup, LANES pixels, vertices or rays. */
