@@ -148,7 +148,7 @@ static bool copy_part(const struct part *part, const struct gn_capture *capture,
     return !part->buffer || gn_copies_add(copies, part->buffer->handle, gn_staging_buffer(capture), &region);
 }
 
-static uint32_t index_size(VkIndexType type)
+uint32_t gn_index_size(VkIndexType type)
 {
     return type == VK_INDEX_TYPE_UINT16 ? 2 : type == VK_INDEX_TYPE_UINT32 ? 4 : type == VK_INDEX_TYPE_UINT8_EXT ? 1 : 0;
 }
@@ -165,7 +165,7 @@ static void plan_triangles(struct gn_device *device, const VkAccelerationStructu
     bool indexed = triangles->indexType != VK_INDEX_TYPE_NONE_KHR;
     uint64_t corners = (uint64_t)range->primitiveCount * 3, skipped = (uint64_t)range->firstVertex * triangles->vertexStride;
     if (indexed) {
-        contents->index_size = index_size(triangles->indexType);
+        contents->index_size = gn_index_size(triangles->indexType);
         parts->indices = (struct part){.address = triangles->indexData.deviceAddress + range->primitiveOffset,
                                        .count = corners,
                                        .stride = contents->index_size,

@@ -199,6 +199,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyDevice(VkDevice handle, const VkAlloc
         gn_queues_finish(device);
         gn_shaders_finish(device);
         gn_lock(device);
+        gn_host_commands_finish(device);
         gn_command_buffers_finish(device);
         gn_staging_finish(device);
         gn_query_pools_finish(device);

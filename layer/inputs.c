@@ -65,14 +65,6 @@ static void check_range(struct gn_device *device, struct gn_as *target, struct g
     keep_fault(device, &(struct gn_fault){.kind = GN_FAULT_INPUT, .of.input = *input, .structures = {target}}, out);
 }
 
-static uint64_t index_size(VkIndexType type)
-{
-    return type == VK_INDEX_TYPE_UINT16      ? 2
-           : type == VK_INDEX_TYPE_UINT32    ? 4
-           : type == VK_INDEX_TYPE_UINT8_EXT ? 1
-                                             : 0;
-}
-
 /* What is being checked, for the faults that are found in it. */
 struct subject {
     struct gn_device *device;
@@ -152,8 +144,8 @@ static void check_geometry(const struct subject *subject, const VkAccelerationSt
             check_alignment(subject, "primitiveOffset", range->primitiveOffset, component);
         } else {
             check_address(subject, "triangles.indexData.deviceAddress", triangles->indexData.deviceAddress,
-                          index_size(triangles->indexType));
-            check_alignment(subject, "primitiveOffset", range->primitiveOffset, index_size(triangles->indexType));
+                          gn_index_size(triangles->indexType));
+            check_alignment(subject, "primitiveOffset", range->primitiveOffset, gn_index_size(triangles->indexType));
         }
         if (triangles->transformData.deviceAddress) {
             check_address(subject, "triangles.transformData.deviceAddress", triangles->transformData.deviceAddress, 16);
@@ -257,7 +249,7 @@ void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuil
             } else {
                 input.what = "triangles.indexData";
                 input.address = triangles->indexData.deviceAddress;
-                input.stride = input.element_size = index_size(triangles->indexType);
+                input.stride = input.element_size = gn_index_size(triangles->indexType);
                 if (input.element_size)
                     check_range(device, target, &input, out);
             }

@@ -217,20 +217,12 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
 _Static_assert(sizeof(VkAccelerationStructureInstanceKHR) == sizeof(struct gn_instance_record),
                "the rules read instance records as they lie in memory");
 
-void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAccelerationStructureInstanceKHR *const *records,
-                   uint32_t count, bool partial, uint64_t position, uint32_t info, struct gn_findings *out)
+void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const struct gn_instance_record *records, uint32_t count,
+                   bool partial, uint64_t position, uint32_t info, struct gn_findings *out)
 {
-    struct gn_instance_record *copy = malloc((count ? count : 1) * sizeof *copy);
-    if (!copy) {
-        gn_tally_lost(device);
-        return;
-    }
-    for (uint32_t i = 0; i < count; i++)
-        memcpy(&copy[i], records[i], sizeof *copy);
     char place[128];
     snprintf(place, sizeof place, "vkBuildAccelerationStructuresKHR, pInfos[%u], on the host", info);
     struct roll roll = {.device = device, .queue = GN_QUEUE_HOST, .position = position, .tlas = tlas,
                         .version = tlas->writes, .partial = partial, .by_handle = true};
-    judge(&roll, tlas, copy, count, place, out);
-    free(copy);
+    judge(&roll, tlas, records, count, place, out);
 }

@@ -76,6 +76,7 @@ struct gn_accesses;
 struct gn_digest;
 struct gn_barriers;
 struct gn_batch;
+struct gn_host_command;
 struct gn_bound;
 struct gn_findings;
 struct gn_use;
@@ -464,6 +465,7 @@ struct gn_device {
     struct gn_ranges inputs, others; /* buffers with an address: with build-input usage, and without */
     VkPhysicalDeviceAccelerationStructurePropertiesKHR limits;
     struct gn_map semaphores, fence_clocks, render_passes;
+    struct gn_host_command *host_commands; /* under deferred operations */
     struct gn_clock host; /* what the host knows to be over */
     bool order_unknown;   /* something that is not observed orders queues */
     struct gn_ranges touches; /* accesses that may be under way (sync.c) */
@@ -580,6 +582,8 @@ struct gn_vertex_layout {
     bool floating;
 };
 struct gn_vertex_layout gn_vertex_layout_of(VkFormat format);
+/* Bytes of an index; 0: there are none, or the type is not known. */
+uint32_t gn_index_size(VkIndexType type);
 
 /* structure.c; with the device locked. */
 struct gn_as *gn_as_get(struct gn_device *device, VkAccelerationStructureKHR handle);
@@ -676,6 +680,9 @@ void gn_faults_free(struct gn_fault *fault);
 uint64_t gn_inputs_scratch_size(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info,
                                 const VkAccelerationStructureBuildRangeInfoKHR *ranges);
 
+/* host.c; with the device locked. */
+void gn_host_commands_finish(struct gn_device *device);
+
 /* query.c: pools for compacted sizes; with the device locked. */
 struct gn_query_pool *gn_query_pool_get(struct gn_device *device, VkQueryPool handle);
 struct gn_query_pool *gn_query_pool_keep(struct gn_query_pool *pool);
@@ -704,8 +711,8 @@ void gn_queues_finish(struct gn_device *device);
 struct gn_findings;
 void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judgement, struct gn_findings *out);
 /* A TLAS build on the host, whose references are handles. */
-void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const VkAccelerationStructureInstanceKHR *const *records,
-                   uint32_t count, bool partial, uint64_t position, uint32_t info, struct gn_findings *out);
+void gn_judge_host(struct gn_device *device, struct gn_as *tlas, const struct gn_instance_record *records, uint32_t count,
+                   bool partial, uint64_t position, uint32_t info, struct gn_findings *out);
 
 /* report.c */
 struct gn_pending_finding;

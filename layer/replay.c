@@ -211,6 +211,10 @@ static const char *place_text(void *context)
     struct gn_object commands_object = {GN_OBJECT_COMMAND_BUFFER, (uint64_t)(uintptr_t)replay->command_buffer,
                                         commands ? commands->name : NULL};
     struct gn_object queue_object = {GN_OBJECT_QUEUE, (uint64_t)(uintptr_t)replay->queue->handle, replay->queue->name};
+    if (replay->queue->id == GN_QUEUE_HOST) {
+        snprintf(place->text, sizeof place->text, "%s on the host", gn_event_command(place->event));
+        return place->text;
+    }
     snprintf(place->text, sizeof place->text, "%s of %s in queue submission %llu (%s)", gn_event_command(place->event),
              gn_object_describe(&commands_object, commands_text, sizeof commands_text),
              (unsigned long long)replay->number, gn_object_describe(&queue_object, queue_text, sizeof queue_text));
@@ -409,6 +413,41 @@ static void replay_use(struct gn_replay *replay, const struct gn_event *event, u
         replay_read(replay, event, &event->use->entries[i], position);
 }
 
+void gn_replay_execute(struct gn_replay *replay, struct gn_event *event, uint64_t position)
+{
+    struct gn_device *device = replay->device;
+    struct gn_as *target = event->target;
+    enum gn_command_kind kind = command_of(event);
+    if (device->builds_unseen && kind != GN_COMMAND_KIND_COUNT)
+        gn_tally_unjudged(device, GN_UNJUDGED_cluster_commands, 1);
+    else if (device->instance->judged_commands >> kind & 1)
+        suspect_command(replay, event, kind, position);
+    suspect_faults(replay, event, position);
+    if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)
+        gn_query_asked(event->pool, event->query, event->source);
+    if (!target)
+        return;
+    if (target->kind == GN_OBJECT_STRUCTURE)
+        target->kind = event->is_tlas                                      ? GN_OBJECT_TLAS
+                       : event->kind == GN_EVENT_COPY && event->source     ? event->source->kind
+                       : event->kind == GN_EVENT_COMPACT && event->source  ? event->source->kind
+                       : event->kind == GN_EVENT_DESERIALIZE               ? GN_OBJECT_STRUCTURE
+                                                                           : GN_OBJECT_BLAS;
+    gn_as_level(target, event_levels(event));
+    target->last_writes[target->writes % 4] =
+        (struct gn_write){.position = position,
+                          .submission = replay->number,
+                          .queue = replay->queue->id,
+                          .role = kind == GN_COMMAND_CLONE || kind == GN_COMMAND_COMPACT || event->kind == GN_EVENT_DESERIALIZE
+                                      ? GN_ROLE_COPY_TARGET
+                                      : GN_ROLE_BUILD_TARGET,
+                          .command = gn_event_command(event),
+                          .command_buffer = replay->command_buffer};
+    gn_as_written(device, target, replay->queue->id, position);
+    fill(event, replay->queue, position);
+    gn_tally_check(device, GN_CHECKED_builds, 1);
+}
+
 void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recording, unsigned depth)
 {
     struct gn_device *device = replay->device;
@@ -436,14 +475,7 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
             replay_use(replay, event, position);
             continue;
         }
-        enum gn_command_kind kind = command_of(event);
-        if (device->builds_unseen && kind != GN_COMMAND_KIND_COUNT)
-            gn_tally_unjudged(device, GN_UNJUDGED_cluster_commands, 1);
-        else if (device->instance->judged_commands >> kind & 1)
-            suspect_command(replay, event, kind, position);
-        suspect_faults(replay, event, position);
-        if (event->kind == GN_EVENT_QUERY_COMPACTED && event->source)
-            gn_query_asked(event->pool, event->query, event->source);
+        gn_replay_execute(replay, event, position);
         if (event->kind == GN_EVENT_TRACE && event->capture) {
             if (event->capture->pending)
                 settle_early(device, recording, event->capture, replay->findings);
@@ -452,26 +484,6 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
         }
         if (!event->target)
             continue;
-        if (event->target->kind == GN_OBJECT_STRUCTURE)
-            event->target->kind = event->is_tlas                                            ? GN_OBJECT_TLAS
-                                  : event->kind == GN_EVENT_COPY && event->source           ? event->source->kind
-                                  : event->kind == GN_EVENT_COMPACT && event->source        ? event->source->kind
-                                  : event->kind == GN_EVENT_DESERIALIZE                     ? GN_OBJECT_STRUCTURE
-                                                                                            : GN_OBJECT_BLAS;
-        gn_as_level(event->target, event_levels(event));
-        event->target->last_writes[event->target->writes % 4] =
-            (struct gn_write){.position = position,
-                              .submission = replay->number,
-                              .queue = replay->queue->id,
-                              .role = command_of(event) == GN_COMMAND_CLONE || command_of(event) == GN_COMMAND_COMPACT ||
-                                              event->kind == GN_EVENT_DESERIALIZE
-                                          ? GN_ROLE_COPY_TARGET
-                                          : GN_ROLE_BUILD_TARGET,
-                              .command = gn_event_command(event),
-                              .command_buffer = replay->command_buffer};
-        gn_as_written(device, event->target, replay->queue->id, position);
-        fill(event, replay->queue, position);
-        gn_tally_check(device, GN_CHECKED_builds, 1);
         if (!event->is_tlas) {
             for (struct gn_capture *capture = event->capture; capture; capture = capture->next)
                 expect_judgement(replay, recording, i, capture, position);

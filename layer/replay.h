@@ -19,6 +19,10 @@ struct gn_replay {
 /* NULL without memory. */
 struct gn_submission *gn_replay_submission(struct gn_replay *replay);
 void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recording, unsigned depth);
+/* Judges a command on structures and what was wrong with it as it was recorded, and lets it have its effect. */
+void gn_replay_execute(struct gn_replay *replay, struct gn_event *event, uint64_t position);
+/* submit.c: reports what the host has executed, for that is over. */
+void gn_replay_confirm(struct gn_replay *replay);
 /* Judges a command, and keeps what is found until the submission has completed. With `by_state`, the finding is about the state of the
  * event's structures, and dropped if that turns out not to be known. */
 void gn_replay_suspect(struct gn_replay *replay, const struct gn_event *event, struct gn_suspect *suspect, bool by_state,

@@ -123,6 +123,17 @@ static void settle(struct gn_device *device, struct gn_submission *submission, b
     atomic_fetch_sub(&device->pending, 1);
 }
 
+void gn_replay_confirm(struct gn_replay *replay)
+{
+    struct gn_submission *submission = replay->submission;
+    for (struct gn_suspicion *suspicion = submission ? submission->suspicions : NULL, *next; suspicion; suspicion = next) {
+        next = suspicion->next;
+        suspicion_settle(replay->device, suspicion, true, replay->findings);
+    }
+    free(submission);
+    replay->submission = NULL;
+}
+
 /* A semaphore with what is waited for or signalled. */
 struct meeting {
     VkSemaphore semaphore;
