@@ -444,6 +444,7 @@ static void info_fill(struct gn_device *device, const struct candidate *candidat
     info->pipeline_library = info->ray_tracing_pipeline && candidate->pipeline_library;
     info->vertex_stores = features->core.features.vertexPipelineStoresAndAtomics;
     info->fragment_stores = features->core.features.fragmentStoresAndAtomics;
+    info->maintenance1 = features->maintenance1.rayTracingMaintenance1;
     info->position_fetch = features->position_fetch.rayTracingPositionFetch;
     info->host_builds = features->structure.accelerationStructureHostCommands;
     info->indirect_builds = features->structure.accelerationStructureIndirectBuild;
@@ -492,7 +493,7 @@ static VkResult device_open(struct gn_device *device, const struct candidate *ca
     wanted.pipeline.rayTracingPipeline = has_info->ray_tracing_pipeline;
     wanted.pipeline.rayTraversalPrimitiveCulling = has_info->primitive_culling;
     wanted.pipeline.rayTracingPipelineTraceRaysIndirect = has_info->trace_indirect;
-    wanted.maintenance1.rayTracingMaintenance1 = has.maintenance1.rayTracingMaintenance1;
+    wanted.maintenance1.rayTracingMaintenance1 = has_info->maintenance1;
     wanted.maintenance1.rayTracingPipelineTraceRaysIndirect2 = has_info->trace_indirect2;
     wanted.position_fetch.rayTracingPositionFetch = has_info->position_fetch;
 
@@ -539,6 +540,8 @@ static VkResult device_open(struct gn_device *device, const struct candidate *ca
 #define X(name) device->name = (PFN_vk##name)vkGetDeviceProcAddr(device->handle, "vk" #name);
     GN_DEVICE_COMMANDS(X)
     GN_PIPELINE_COMMANDS(X)
+    GN_INDIRECT_COMMANDS(X)
+    GN_HOST_COMMANDS(X)
 #undef X
 #define X(name) \
     if (!device->name) { \
@@ -547,6 +550,12 @@ static VkResult device_open(struct gn_device *device, const struct candidate *ca
     GN_DEVICE_COMMANDS(X)
     if (device->info.ray_tracing_pipeline) {
         GN_PIPELINE_COMMANDS(X)
+    }
+    if (device->info.indirect_builds) {
+        GN_INDIRECT_COMMANDS(X)
+    }
+    if (device->info.host_builds) {
+        GN_HOST_COMMANDS(X)
     }
 #undef X
     device->CmdTraceRaysIndirect2KHR =
@@ -714,7 +723,7 @@ void gn_device_barrier(struct gn_device *device)
 
 enum gn_device_status gn_device_submit(struct gn_device *device)
 {
-    barrier(device, VK_PIPELINE_STAGE_HOST_BIT, VK_ACCESS_HOST_READ_BIT);
+    barrier(device, VK_PIPELINE_STAGE_HOST_BIT, VK_ACCESS_HOST_READ_BIT | VK_ACCESS_HOST_WRITE_BIT);
     enum gn_device_status status =
         gn_device_check(device, vkEndCommandBuffer(device->commands), "vkEndCommandBuffer");
     if (status != GN_DEVICE_OK) {

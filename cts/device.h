@@ -25,6 +25,7 @@ struct gn_device_info {
     bool primitive_culling; /* of pipelines; ray queries always have it */
     bool trace_indirect, trace_indirect2;
     bool pipeline_library;
+    bool maintenance1;
     bool position_fetch;
     bool host_builds;
     bool indirect_builds;

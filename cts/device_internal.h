@@ -16,7 +16,21 @@
     X(CmdCopyAccelerationStructureKHR) \
     X(CmdCopyAccelerationStructureToMemoryKHR) \
     X(CmdCopyMemoryToAccelerationStructureKHR) \
-    X(CmdWriteAccelerationStructuresPropertiesKHR)
+    X(CmdWriteAccelerationStructuresPropertiesKHR) \
+    X(CreateDeferredOperationKHR) \
+    X(DestroyDeferredOperationKHR) \
+    X(GetDeferredOperationMaxConcurrencyKHR) \
+    X(GetDeferredOperationResultKHR) \
+    X(DeferredOperationJoinKHR)
+
+/* Of devices that build indirectly or on the host. */
+#define GN_INDIRECT_COMMANDS(X) X(CmdBuildAccelerationStructuresIndirectKHR)
+#define GN_HOST_COMMANDS(X) \
+    X(BuildAccelerationStructuresKHR) \
+    X(CopyAccelerationStructureKHR) \
+    X(CopyAccelerationStructureToMemoryKHR) \
+    X(CopyMemoryToAccelerationStructureKHR) \
+    X(WriteAccelerationStructuresPropertiesKHR)
 
 /* Of devices with ray tracing pipelines. */
 #define GN_PIPELINE_COMMANDS(X) \
@@ -32,6 +46,7 @@
 enum gn_memory_kind {
     GN_MEMORY_INPUT, /* build inputs; the host writes them */
     GN_MEMORY_STRUCTURE, /* acceleration structures; on the device */
+    GN_MEMORY_HOST_STRUCTURE, /* acceleration structures that host commands work on */
     GN_MEMORY_SCRATCH, /* on the device */
     GN_MEMORY_HOST, /* serialized structures, rays, answers; the host reads and writes them */
     GN_MEMORY_TABLE, /* shader binding tables and what traces are told indirectly; the host writes them */
@@ -97,6 +112,8 @@ struct gn_device {
 #define X(name) PFN_vk##name name;
     GN_DEVICE_COMMANDS(X)
     GN_PIPELINE_COMMANDS(X)
+    GN_INDIRECT_COMMANDS(X)
+    GN_HOST_COMMANDS(X)
 #undef X
     PFN_vkCmdTraceRaysIndirect2KHR CmdTraceRaysIndirect2KHR; /* NULL without maintenance1 */
 
@@ -180,25 +197,49 @@ struct gn_structure {
     struct gn_memory source_memory;
     struct gn_memory serialized;
     VkDeviceSize queried_size;
+    uint64_t queried_handles; /* of serialized data; with maintenance1 */
     bool compacted;
 };
 
-/* Whether a step that takes the final data follows, so that the first build takes the initial data. */
-bool gn_steps_take_final(const uint8_t *steps);
+/* Whether these commands run on the host. */
+static inline bool gn_commands_host(enum gn_cts_commands commands)
+{
+    return commands == GN_CTS_ON_HOST || commands == GN_CTS_DEFERRED;
+}
 
-struct gn_structure_pools {
+struct gn_structures_plan {
     struct gn_pool *structures, *scratch, *serialized;
     struct gn_pool *initial; /* what only the first builds read; overwritten once they are over */
+    struct gn_pool *ranges; /* what indirect builds read; likewise, after all */
+    enum gn_cts_commands builds, copies;
+    bool separate_builds;
+    /* Of a TLAS: what it refers to. They move when it is relocated. */
+    struct gn_structure *blases;
+    uint32_t blas_count;
 };
 
 /*
- * Builds all of them and takes all their steps. `blas_addresses` are what a serialized TLAS may refer to. On failure the structures hold what has to be destroyed with
+ * Builds all of them and takes all their steps. On failure the structures hold what has to be destroyed with
  * gn_structures_finish(), as they do on success.
  */
-enum gn_device_status gn_structures_build(struct gn_device *device, const struct gn_structure_pools *pools,
-                                          struct gn_structure *structures, uint32_t count, bool separate_builds,
-                                          const VkDeviceAddress *blas_addresses, uint32_t blas_count);
+enum gn_device_status gn_structures_build(struct gn_device *device, const struct gn_structures_plan *plan,
+                                          struct gn_structure *structures, uint32_t count);
 void gn_structures_finish(struct gn_device *device, struct gn_structure *structures, uint32_t count);
+
+/* Host commands (cts/device_host.c): what was asked for is done when they come back. */
+struct gn_host_build {
+    uint32_t count;
+    const VkAccelerationStructureBuildGeometryInfoKHR *infos;
+    const VkAccelerationStructureBuildRangeInfoKHR *const *ranges;
+};
+enum gn_device_status gn_host_build(struct gn_device *device, bool deferred, const struct gn_host_build *build);
+enum gn_device_status gn_host_copy(struct gn_device *device, bool deferred, const VkCopyAccelerationStructureInfoKHR *copy);
+enum gn_device_status gn_host_serialize(struct gn_device *device, bool deferred,
+                                        const VkCopyAccelerationStructureToMemoryInfoKHR *copy);
+enum gn_device_status gn_host_deserialize(struct gn_device *device, bool deferred,
+                                          const VkCopyMemoryToAccelerationStructureInfoKHR *copy);
+enum gn_device_status gn_host_pipeline(struct gn_device *device, const VkRayTracingPipelineCreateInfoKHR *info,
+                                       VkPipeline *out_pipeline);
 
 /* Scenes (cts/device_scene.c) */
 
@@ -206,7 +247,7 @@ struct gn_built_scene {
     struct gn_device *device;
     const struct gn_cts_scene *scene;
     struct gn_arena arena; /* descriptions of builds */
-    struct gn_pool initial, inputs, storage, scratch, serialized;
+    struct gn_pool initial, inputs, storage, scratch, serialized, ranges;
     struct gn_structure *blases;
     uint32_t blas_count;
     struct gn_structure tlas;
@@ -222,7 +263,7 @@ struct gn_trace_constants {
     uint32_t record_offset, record_stride, miss_index;
     uint32_t depth;
     uint32_t width, height; /* of the launch; whoever launches sets them */
-    uint32_t traps;
+    uint32_t traps, opaque_boxes;
 };
 
 /* The layouts that all shaders of traces share. */

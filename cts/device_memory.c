@@ -28,6 +28,10 @@ static const struct kind_traits traits[GN_MEMORY_KIND_COUNT] = {
     [GN_MEMORY_STRUCTURE] = {VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR |
                                  VK_BUFFER_USAGE_TRANSFER_DST_BIT,
                              0, VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT},
+    [GN_MEMORY_HOST_STRUCTURE] = {VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR |
+                                      VK_BUFFER_USAGE_TRANSFER_DST_BIT,
+                                  VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT,
+                                  VK_MEMORY_PROPERTY_HOST_CACHED_BIT},
     [GN_MEMORY_SCRATCH] = {VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_DST_BIT, 0,
                            VK_MEMORY_PROPERTY_DEVICE_LOCAL_BIT},
     [GN_MEMORY_HOST] = {VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_TRANSFER_SRC_BIT |
@@ -149,7 +153,8 @@ static bool chunk_place(const struct gn_memory_chunk *chunk, enum gn_memory_kind
                         VkDeviceSize alignment, VkDeviceSize *out_offset)
 {
     /* Structures are placed by their offset in the buffer, everything else by its device address. */
-    const VkDeviceSize base = kind == GN_MEMORY_STRUCTURE ? 0 : chunk->address;
+    const bool structure = kind == GN_MEMORY_STRUCTURE || kind == GN_MEMORY_HOST_STRUCTURE;
+    const VkDeviceSize base = structure ? 0 : chunk->address;
     const VkDeviceSize offset = ((base + chunk->used + alignment - 1) & ~(alignment - 1)) - base;
     if (offset > chunk->size || size > chunk->size - offset) {
         return false;

@@ -38,7 +38,7 @@
 /* A hit table up to this size is emptied before its first use; a larger one is mostly never touched. */
 #define EMPTIED_BYTES ((VkDeviceSize)64 << 20)
 
-enum kind { PLAIN, POSITIONS, RECURSIVE, CALLABLE, LINKED_HITS, LINKED_ALL, QUERY_IN_RAYGEN, QUERY_IN_HIT, KIND_COUNT };
+enum kind { PLAIN, POSITIONS, RECURSIVE, CALLABLE, LINKED_HITS, LINKED_ALL, DEFERRED, QUERY_IN_RAYGEN, QUERY_IN_HIT, KIND_COUNT };
 
 enum group { RAYGEN, MISS, TRIANGLES, BOXES, CALLED, GROUP_COUNT };
 
@@ -65,6 +65,8 @@ static const struct kind_traits kinds[KIND_COUNT] = {
                      {0}, false},
     [LINKED_ALL] = {CODE(trace_rgen), CODE(trace_rmiss), CODE(trace_rchit), CODE(trace_rahit), CODE(trace_rint),
                     {0}, false},
+    [DEFERRED] = {CODE(trace_rgen), CODE(trace_rmiss), CODE(trace_rchit), CODE(trace_rahit), CODE(trace_rint), {0},
+                  false},
     [QUERY_IN_RAYGEN] = {CODE(query_rgen), {0}, {0}, {0}, {0}, {0}, false},
     [QUERY_IN_HIT] = {CODE(queryhit_rgen), CODE(query_rmiss), CODE(query_rchit), {0}, CODE(trace_rint), {0}, false},
 };
@@ -106,6 +108,7 @@ static enum kind kind_of(const struct gn_cts_route *route, enum gn_cts_program p
            : route->callable                      ? CALLABLE
            : route->linking == GN_CTS_LINK_HITS   ? LINKED_HITS
            : route->linking == GN_CTS_LINK_ALL    ? LINKED_ALL
+           : route->deferred                      ? DEFERRED
                                                   : PLAIN;
 }
 
@@ -220,7 +223,7 @@ static uint32_t group_count_of(const struct kind_traits *traits)
 static enum gn_device_status pipeline_make(struct gn_device *device, const struct parts *parts,
                                            VkPipelineCreateFlags flags, uint32_t depth,
                                            const VkPipelineLibraryCreateInfoKHR *libraries, bool linked,
-                                           VkPipeline *out)
+                                           bool deferred, VkPipeline *out)
 {
     const VkRayTracingPipelineInterfaceCreateInfoKHR interface = {
         .sType = VK_STRUCTURE_TYPE_RAY_TRACING_PIPELINE_INTERFACE_CREATE_INFO_KHR,
@@ -239,6 +242,9 @@ static enum gn_device_status pipeline_make(struct gn_device *device, const struc
         .pLibraryInterface = linked ? &interface : NULL,
         .layout = device->pipeline_layout,
     };
+    if (deferred) {
+        return gn_host_pipeline(device, &info, out);
+    }
     return gn_device_check(device,
                            device->CreateRayTracingPipelinesKHR(device->handle, VK_NULL_HANDLE, VK_NULL_HANDLE, 1,
                                                                 &info, NULL, out),
@@ -257,10 +263,10 @@ static enum gn_device_status linked_make(struct gn_device *device, const struct 
         status = parts_make(device, traits, constants, TRIANGLES, 2, &hits);
     }
     if (status == GN_DEVICE_OK && all) {
-        status = pipeline_make(device, &front, library, 1, NULL, true, &out->libraries[0]);
+        status = pipeline_make(device, &front, library, 1, NULL, true, false, &out->libraries[0]);
     }
     if (status == GN_DEVICE_OK) {
-        status = pipeline_make(device, &hits, library, 1, NULL, true, &out->libraries[1]);
+        status = pipeline_make(device, &hits, library, 1, NULL, true, false, &out->libraries[1]);
     }
     if (status == GN_DEVICE_OK) {
         const VkPipelineLibraryCreateInfoKHR info = {
@@ -268,7 +274,7 @@ static enum gn_device_status linked_make(struct gn_device *device, const struct 
             .libraryCount = all ? 2 : 1,
             .pLibraries = all ? out->libraries : out->libraries + 1,
         };
-        status = pipeline_make(device, all ? NULL : &front, 0, 1, &info, true, &out->handle);
+        status = pipeline_make(device, all ? NULL : &front, 0, 1, &info, true, false, &out->handle);
     }
     parts_finish(device, &front);
     parts_finish(device, &hits);
@@ -298,7 +304,7 @@ static enum gn_device_status pipeline_create(struct gn_device *device, enum kind
         status = parts_make(device, traits, &constants, RAYGEN, group_count, &parts);
         if (status == GN_DEVICE_OK) {
             const uint32_t depth = traits->recursive ? limits->maxRayRecursionDepth : 1;
-            status = pipeline_make(device, &parts, 0, depth, NULL, false, &pipeline->handle);
+            status = pipeline_make(device, &parts, 0, depth, NULL, false, kind == DEFERRED, &pipeline->handle);
         }
         parts_finish(device, &parts);
     }

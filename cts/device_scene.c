@@ -9,6 +9,7 @@
 #define INPUT_ALIGNMENT 16
 #define TRANSFORM_BYTES 48
 #define AABB_BYTES 24
+#define SPARE_PRIMITIVES 5
 
 /* Space between instances that are reached through pointers: more than they take. */
 #define POINTED_INSTANCE_BYTES 80
@@ -37,6 +38,16 @@ static enum gn_device_status input_take(struct gn_built_scene *built, struct gn_
         memset(out_memory->mapped, 0xFF, out_memory->size);
     }
     return status;
+}
+
+/*
+ * Where a build finds it: a pointer, if the commands run on the host. Both share the storage of a union, so that the
+ * device's member holds either.
+ */
+static VkDeviceAddress address_of(const struct gn_memory *memory, enum gn_cts_commands builds)
+{
+    _Static_assert(sizeof(void *) <= sizeof(VkDeviceAddress), "a pointer has to fit in a device address");
+    return gn_commands_host(builds) ? (VkDeviceAddress)(uintptr_t)memory->mapped : memory->address;
 }
 
 /* How a triangle geometry's data lie in memory. */
@@ -127,7 +138,7 @@ static enum gn_device_status vertices_write(struct gn_built_scene *built, struct
         const uint64_t vertex = geometry->index_none ? geometry->triangles[i / 3][i % 3] : i;
         gn_vertex_encode(layout->format, positions[vertex], out + i * layout->stride);
     }
-    *out_address = memory.address + geometry->vertex_offset;
+    *out_address = address_of(&memory, built->scene->blas_builds) + geometry->vertex_offset;
     return GN_DEVICE_OK;
 }
 
@@ -152,7 +163,7 @@ static enum gn_device_status indices_write(struct gn_built_scene *built, const s
             memcpy(out + i * 2, &index, 2);
         }
     }
-    *out_address = memory.address;
+    *out_address = address_of(&memory, built->scene->blas_builds);
     return GN_DEVICE_OK;
 }
 
@@ -165,7 +176,7 @@ static enum gn_device_status transform_write(struct gn_built_scene *built, struc
         input_take(built, pool, geometry->transform_offset, 1, TRANSFORM_BYTES, 0, &memory);
     if (status == GN_DEVICE_OK) {
         memcpy(memory.mapped + geometry->transform_offset, transform, TRANSFORM_BYTES);
-        *out_address = memory.address;
+        *out_address = address_of(&memory, built->scene->blas_builds);
     }
     return status;
 }
@@ -255,7 +266,7 @@ static enum gn_device_status aabb_data_write(struct gn_built_scene *built, struc
     for (uint32_t i = 0; i < geometry->aabb_count; i++) {
         memcpy(memory.mapped + geometry->primitive_offset + (size_t)i * stride, aabbs[i], AABB_BYTES);
     }
-    *out_address = memory.address;
+    *out_address = address_of(&memory, built->scene->blas_builds);
     return GN_DEVICE_OK;
 }
 
@@ -302,7 +313,7 @@ static enum gn_device_status aabbs_write(struct gn_built_scene *built, const str
 }
 
 static enum gn_device_status steps_check(struct gn_built_scene *built, const uint8_t *steps,
-                                         VkBuildAccelerationStructureFlagsKHR flags)
+                                         VkBuildAccelerationStructureFlagsKHR flags, bool bottom)
 {
     for (uint32_t i = 0; i < GN_CTS_MAX_STEPS && steps[i] != GN_CTS_STEP_END; i++) {
         const bool updates = steps[i] == GN_CTS_STEP_REFIT || steps[i] == GN_CTS_STEP_REFIT_COPY ||
@@ -316,8 +327,8 @@ static enum gn_device_status steps_check(struct gn_built_scene *built, const uin
                                   "the scene is not valid: compaction needs ALLOW_COMPACTION, the build flags are 0x%x",
                                   flags);
         }
-        if (steps[i] > GN_CTS_STEP_REFIT_BACK) {
-            return gn_device_fail(built->device, GN_DEVICE_FAILED, "the scene is not valid: there is no step %u",
+        if (steps[i] >= GN_CTS_STEP_COUNT || (steps[i] == GN_CTS_STEP_RELOCATE && bottom)) {
+            return gn_device_fail(built->device, GN_DEVICE_FAILED, "the scene is not valid: there is no step %u of a structure of this level",
                                   steps[i]);
         }
     }
@@ -328,17 +339,23 @@ static enum gn_device_status steps_check(struct gn_built_scene *built, const uin
     return GN_DEVICE_OK;
 }
 
+/* The count that sizes are asked for: indirect builds get theirs from memory, and it may be smaller. */
+static uint32_t count_most(uint32_t count, enum gn_cts_commands builds)
+{
+    return builds == GN_CTS_INDIRECT ? count + SPARE_PRIMITIVES : count;
+}
+
 static enum gn_device_status blas_write(struct gn_built_scene *built, uint32_t number)
 {
     struct gn_device *device = built->device;
     const struct gn_cts_blas *blas = &built->scene->blases[number];
     struct gn_structure *structure = &built->blases[number];
-    enum gn_device_status status = steps_check(built, blas->steps, blas->build_flags);
+    enum gn_device_status status = steps_check(built, blas->steps, blas->build_flags, true);
     if (status != GN_DEVICE_OK) {
         return status;
     }
     const uint32_t count = blas->geometry_count;
-    const bool two_inputs = gn_steps_take_final(blas->steps);
+    const bool two_inputs = gn_steps_take_both(blas->steps);
     uint32_t *primitive_counts = GN_NEW(&built->arena, uint32_t, count);
     structure->type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
     structure->generic = blas->generic;
@@ -367,7 +384,8 @@ static enum gn_device_status blas_write(struct gn_built_scene *built, uint32_t n
         if (status != GN_DEVICE_OK) {
             return status;
         }
-        primitive_counts[g] = triangles ? geometry->triangle_count : geometry->aabb_count;
+        primitive_counts[g] =
+            count_most(triangles ? geometry->triangle_count : geometry->aabb_count, built->scene->blas_builds);
         primitives += primitive_counts[g];
     }
     const VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits = &device->info.limits;
@@ -383,13 +401,16 @@ static enum gn_device_status blas_write(struct gn_built_scene *built, uint32_t n
 static VkAccelerationStructureInstanceKHR instance_of(const struct gn_built_scene *built,
                                                       const struct gn_cts_instance *instance)
 {
+    const bool host = gn_commands_host(built->scene->tlas_builds);
+    const struct gn_structure *blas = instance->blas == GN_CTS_NO_BLAS ? NULL : &built->blases[instance->blas];
     VkAccelerationStructureInstanceKHR out = {
         .instanceCustomIndex = instance->custom_index & 0xFFFFFFu,
         .mask = instance->mask & 0xFFu,
         .instanceShaderBindingTableRecordOffset = instance->sbt_offset & 0xFFFFFFu,
         .flags = instance->flags & 0xFFu,
-        .accelerationStructureReference =
-            instance->blas == GN_CTS_NO_BLAS ? 0 : built->blases[instance->blas].address,
+        .accelerationStructureReference = !blas  ? 0
+                                          : host ? (uint64_t)(uintptr_t)blas->handle
+                                                 : blas->address,
     };
     memcpy(&out.transform, instance->transform, sizeof out.transform);
     return out;
@@ -413,7 +434,7 @@ static enum gn_device_status instances_write(struct gn_built_scene *built, struc
             const VkAccelerationStructureInstanceKHR instance = instance_of(built, &instances[i]);
             memcpy(memory.mapped + head + i * instance_bytes, &instance, instance_bytes);
         }
-        *out_address = memory.address;
+        *out_address = address_of(&memory, scene->tlas_builds);
         return GN_DEVICE_OK;
     }
     /* The first of those pointed to is a null reference, for the pointers before the offset. */
@@ -424,18 +445,19 @@ static enum gn_device_status instances_write(struct gn_built_scene *built, struc
         return status;
     }
     memset(memory.mapped, 0, instance_bytes);
+    const VkDeviceAddress first = address_of(&memory, scene->tlas_builds);
     for (uint32_t i = 0; i < head / sizeof(uint64_t); i++) {
-        memcpy(pointers.mapped + i * sizeof(uint64_t), &memory.address, sizeof(uint64_t));
+        memcpy(pointers.mapped + i * sizeof first, &first, sizeof first);
     }
     for (uint32_t i = 0; i < count; i++) {
         const VkAccelerationStructureInstanceKHR instance = instance_of(built, &instances[i]);
         /* Last to first, so that their order in memory is not the order of the pointers. */
         const uint64_t offset = (uint64_t)(count - i) * POINTED_INSTANCE_BYTES;
-        const uint64_t address = memory.address + offset;
+        const VkDeviceAddress address = first + offset;
         memcpy(memory.mapped + offset, &instance, instance_bytes);
         memcpy(pointers.mapped + head + i * sizeof address, &address, sizeof address);
     }
-    *out_address = pointers.address;
+    *out_address = address_of(&pointers, scene->tlas_builds);
     return GN_DEVICE_OK;
 }
 
@@ -444,7 +466,7 @@ static enum gn_device_status tlas_write(struct gn_built_scene *built)
     struct gn_device *device = built->device;
     const struct gn_cts_scene *scene = built->scene;
     struct gn_structure *structure = &built->tlas;
-    enum gn_device_status status = steps_check(built, scene->tlas_steps, scene->tlas_build_flags);
+    enum gn_device_status status = steps_check(built, scene->tlas_steps, scene->tlas_build_flags, false);
     if (status != GN_DEVICE_OK) {
         return status;
     }
@@ -457,7 +479,7 @@ static enum gn_device_status tlas_write(struct gn_built_scene *built)
                               "the scene is not valid: the instance offset has to be a multiple of 16, not %u",
                               scene->instance_offset);
     }
-    const bool two_inputs = gn_steps_take_final(scene->tlas_steps) && scene->initial_instances;
+    const bool two_inputs = gn_steps_take_both(scene->tlas_steps) && scene->initial_instances;
     const struct gn_cts_instance *lists[] = {scene->instances, two_inputs ? scene->initial_instances : NULL};
     for (size_t list = 0; list < 2 && lists[list]; list++) {
         for (uint32_t i = 0; i < scene->instance_count; i++) {
@@ -469,7 +491,7 @@ static enum gn_device_status tlas_write(struct gn_built_scene *built)
         }
     }
     uint32_t *primitive_count = GN_NEW(&built->arena, uint32_t, 1);
-    *primitive_count = scene->instance_count;
+    *primitive_count = count_most(scene->instance_count, scene->tlas_builds);
     structure->type = VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
     structure->generic = scene->tlas_generic;
     structure->flags = scene->tlas_build_flags;
@@ -503,6 +525,25 @@ static enum gn_device_status tlas_write(struct gn_built_scene *built)
     return two_inputs ? instances_write(built, &built->initial, scene->initial_instances, initial) : GN_DEVICE_OK;
 }
 
+/* Whether the device has the commands that the scene asks for. */
+static enum gn_device_status commands_check(struct gn_device *device, const struct gn_cts_scene *scene)
+{
+    const enum gn_cts_commands list[] = {scene->blas_builds, scene->tlas_builds, scene->copies};
+    for (size_t i = 0; i < sizeof list / sizeof list[0]; i++) {
+        if (list[i] == GN_CTS_INDIRECT && !device->info.indirect_builds) {
+            return gn_device_fail(device, GN_DEVICE_UNSUPPORTED,
+                                  "the device lacks the feature accelerationStructureIndirectBuild");
+        }
+        if (gn_commands_host(list[i]) && !device->info.host_builds) {
+            return gn_device_fail(device, GN_DEVICE_UNSUPPORTED,
+                                  "the device lacks the feature accelerationStructureHostCommands");
+        }
+    }
+    return scene->copies != GN_CTS_INDIRECT
+               ? GN_DEVICE_OK
+               : gn_device_fail(device, GN_DEVICE_FAILED, "the scene is not valid: there are no indirect copies");
+}
+
 enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_cts_scene *scene,
                                      struct gn_built_scene **out_built)
 {
@@ -521,7 +562,25 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
     built->storage.kind = GN_MEMORY_STRUCTURE;
     built->scratch.kind = GN_MEMORY_SCRATCH;
     built->serialized.kind = GN_MEMORY_HOST;
-    const struct gn_structure_pools pools = {&built->storage, &built->scratch, &built->serialized, &built->initial};
+    built->ranges.kind = GN_MEMORY_TABLE;
+    if ((status = commands_check(device, scene)) != GN_DEVICE_OK) {
+        goto fail;
+    }
+    if (gn_commands_host(scene->blas_builds) || gn_commands_host(scene->tlas_builds) ||
+        gn_commands_host(scene->copies)) {
+        built->storage.kind = GN_MEMORY_HOST_STRUCTURE;
+        built->scratch.kind = GN_MEMORY_HOST;
+    }
+    struct gn_structures_plan plan = {
+        .structures = &built->storage,
+        .scratch = &built->scratch,
+        .serialized = &built->serialized,
+        .initial = &built->initial,
+        .ranges = &built->ranges,
+        .builds = scene->blas_builds,
+        .copies = scene->copies,
+        .separate_builds = scene->separate_builds,
+    };
 
     for (uint32_t i = 0; i < scene->blas_count; i++) {
         if ((status = blas_write(built, i)) != GN_DEVICE_OK) {
@@ -529,21 +588,23 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
         }
     }
     const double begin = gn_seconds_now();
-    status = gn_structures_build(device, &pools, built->blases, built->blas_count, scene->separate_builds, NULL, 0);
+    status = gn_structures_build(device, &plan, built->blases, built->blas_count);
     if (status != GN_DEVICE_OK) {
         goto fail;
     }
     /* Instances refer to where the structures ended up after their steps. */
-    VkDeviceAddress *addresses = GN_NEW(&built->arena, VkDeviceAddress, built->blas_count);
     for (uint32_t i = 0; i < built->blas_count; i++) {
-        addresses[i] = built->blases[i].address;
         built->info.blas_bytes += built->blases[i].size;
         built->info.blas_bytes_before_compaction += built->blases[i].size_before_compaction;
     }
     if ((status = tlas_write(built)) != GN_DEVICE_OK) {
         goto fail;
     }
-    status = gn_structures_build(device, &pools, &built->tlas, 1, true, addresses, built->blas_count);
+    plan.builds = scene->tlas_builds;
+    plan.separate_builds = true;
+    plan.blases = built->blases;
+    plan.blas_count = built->blas_count;
+    status = gn_structures_build(device, &plan, &built->tlas, 1);
     if (status != GN_DEVICE_OK) {
         goto fail;
     }
@@ -554,6 +615,7 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
     gn_pool_poison(&built->inputs);
     gn_pool_finish(device, &built->scratch);
     gn_pool_finish(device, &built->serialized);
+    gn_pool_finish(device, &built->ranges);
     if ((status = gn_device_layers_check(device)) != GN_DEVICE_OK) {
         goto fail;
     }
@@ -578,6 +640,7 @@ void gn_built_scene_destroy(struct gn_built_scene *built)
     gn_pool_finish(device, &built->storage);
     gn_pool_finish(device, &built->scratch);
     gn_pool_finish(device, &built->serialized);
+    gn_pool_finish(device, &built->ranges);
     gn_arena_finish(&built->arena);
     free(built);
 }

@@ -375,6 +375,7 @@ enum gn_device_status gn_scene_trace(struct gn_built_scene *built, const struct 
             .miss_index = route->miss_index,
             .depth = route->depth,
             .traps = route->traps,
+            .opaque_boxes = route->opaque_boxes,
         };
         rays_write(device->trace.rays.mapped, rays + first, count);
         memset(device->trace.committed.mapped, 0xFF, count * sizeof *committed);

@@ -6,14 +6,6 @@
 
 enum { BLASES = 4, MESH_INSTANCES = 9, RUNGS = 18 };
 
-static bool steps_update(const uint8_t *steps)
-{
-    for (uint32_t s = 0; s < GN_CTS_MAX_STEPS && steps[s] != GN_CTS_STEP_END; s++)
-        if (steps[s] == GN_CTS_STEP_REFIT || steps[s] == GN_CTS_STEP_REFIT_COPY || steps[s] == GN_CTS_STEP_REBUILD)
-            return true;
-    return false;
-}
-
 static void mesh_blas(struct gn_case_run *run, const struct gn_sample_options *options, uint32_t number,
                       struct gn_cts_blas *out)
 {
@@ -30,14 +22,14 @@ static void mesh_blas(struct gn_case_run *run, const struct gn_sample_options *o
         if (options->content == GN_SAMPLE_MESHES || (options->content == GN_SAMPLE_MIXED && gn_random_below(random, 2)))
             geometries[g].flags = VK_GEOMETRY_OPAQUE_BIT_KHR;
         geometries[g].index_none = g == 1;
-        if (steps_update(options->steps))
+        if (gn_steps_take_both(options->steps))
             geometries[g].initial_positions = gn_mesh_moved(arena, random, &mesh, 0.5);
         if (g == 2) {
             float *transform = GN_NEW(arena, float, 12), *initial = GN_NEW(arena, float, 12);
             gn_transform_random(random, 0.5, 1, 1, true, transform);
             gn_transform_random(random, 0.5, 1, 1, false, initial);
             geometries[g].transform = transform;
-            geometries[g].initial_transform = steps_update(options->steps) ? initial : NULL;
+            geometries[g].initial_transform = gn_steps_take_both(options->steps) ? initial : NULL;
         }
     }
     *out = (struct gn_cts_blas){.geometries = geometries, .geometry_count = count};
@@ -53,7 +45,7 @@ static void box_blas(struct gn_case_run *run, const struct gn_sample_options *op
     *geometry = (struct gn_cts_geometry){.type = GN_REF_AABBS,
                                          .aabbs = ladder,
                                          .aabb_count = RUNGS,
-                                         .initial_aabbs = steps_update(options->steps) ? (const float(*)[6])initial
+                                         .initial_aabbs = gn_steps_take_both(options->steps) ? (const float(*)[6])initial
                                                                                        : NULL};
     *out = (struct gn_cts_blas){.geometries = geometry, .geometry_count = 1};
 }
@@ -106,7 +98,7 @@ void gn_sample_make(struct gn_case_run *run, const struct gn_sample_options *opt
         /* What makes data accessible is of no use above. */
         out->scene.tlas_build_flags = options->flags & ~(VkFlags)VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR;
         memcpy(out->scene.tlas_steps, options->steps, sizeof out->scene.tlas_steps);
-        out->scene.initial_instances = steps_update(options->steps) ? initial : NULL;
+        out->scene.initial_instances = gn_steps_take_both(options->steps) ? initial : NULL;
     }
     out->ray_count = gn_ray_count(run, options->rays ? options->rays : 4096);
     out->rays = GN_NEW(arena, struct gn_cts_ray, out->ray_count);

@@ -15,7 +15,7 @@ enum gn_sample_content {
 struct gn_sample_options {
     enum gn_sample_content content;
     VkBuildAccelerationStructureFlagsKHR flags; /* of all structures, the top level among them */
-    uint8_t steps[GN_CTS_MAX_STEPS]; /* likewise; where one updates, everything was elsewhere before */
+    uint8_t steps[GN_CTS_MAX_STEPS]; /* likewise; where two builds count, everything was elsewhere in the first */
     bool blases_only; /* flags and steps are not for the top level */
     uint32_t rays; /* to be multiplied by the run's scale; 0: 4096 */
 };

@@ -25,8 +25,18 @@ enum gn_cts_step {
     GN_CTS_STEP_CLONE, /* likewise */
     GN_CTS_STEP_SERIALIZE, /* serialize, destroy and poison, deserialize */
     GN_CTS_STEP_REFIT_BACK, /* update in place to the initial data; needs ALLOW_UPDATE, and a refit after it */
+    /* The same copies into a structure that holds another build, of the initial data, rather than garbage. */
+    GN_CTS_STEP_CLONE_OVER,
+    GN_CTS_STEP_SERIALIZE_OVER,
+    GN_CTS_STEP_RELOCATE, /* of a TLAS: serialize, clone and destroy its BLASes, deserialize with the
+                              clones' handles; nothing is built from its inputs after it */
+    GN_CTS_STEP_COUNT
 };
 #define GN_CTS_MAX_STEPS 8
+/* Whether a step takes the final data, so that the first build takes the initial data. */
+bool gn_steps_take_final(const uint8_t *steps);
+/* Whether the initial data are read as well as the final ones. */
+bool gn_steps_take_both(const uint8_t *steps);
 
 /*
  * One geometry. A zero-initialised one is a valid empty one, and zero always means the plain choice.
@@ -74,6 +84,14 @@ struct gn_cts_blas {
 
 #define GN_CTS_NO_BLAS UINT32_MAX
 
+/* Which commands work on structures. */
+enum gn_cts_commands {
+    GN_CTS_ON_DEVICE,
+    GN_CTS_INDIRECT, /* on the device, what varies read from memory, counts given too large; builds only */
+    GN_CTS_ON_HOST,
+    GN_CTS_DEFERRED, /* on the host, deferred and joined by several threads */
+};
+
 struct gn_cts_instance {
     float transform[12];
     uint32_t custom_index;
@@ -95,6 +113,7 @@ struct gn_cts_scene {
     bool array_of_pointers;
     uint32_t instance_offset; /* primitiveOffset of the TLAS build in bytes, a multiple of 16 */
     bool separate_builds; /* one vkCmdBuild call per BLAS rather than one for all */
+    enum gn_cts_commands blas_builds, tlas_builds, copies; /* updates are builds, size queries copies */
 };
 
 /* Which shader runs. */
@@ -134,6 +153,10 @@ struct gn_cts_route {
     uint32_t miss_index;
     uint32_t depth; /* levels of recursion: the hit or miss shader traces the same ray again; 0 means 1 */
     bool traps; /* intersection shaders write hit attributes for reports that cannot be accepted, too */
+    /* Only opaque boxes have generated hits: queries ask what the candidate is, the any-hit shader ignores all that it
+     * is run for. Of any entry. */
+    bool opaque_boxes;
+    bool deferred; /* the pipeline is created by a deferred operation */
     bool callable; /* a callable shader writes the answer */
     enum gn_cts_linking linking;
     enum gn_cts_launch launch;

@@ -4,6 +4,9 @@
 
 #include <math.h>
 
+#define SPEC_OPAQUE                                                                                          \
+    "whether a box is opaque can be asked, and decides whether any-hit shaders run for it (SPV_KHR_ray_query: " \
+    "OpRayQueryGetIntersectionCandidateAABBOpaqueKHR; Vulkan: Any-Hit Shaders, Opacity)"
 #define SPEC_CANDIDATE                                                                                       \
     "every box that a ray meets within its range is a candidate; others may be, because boxes may be "       \
     "enlarged "                                                                                              \
@@ -270,6 +273,50 @@ static void list(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_CANDIDATES, rays, count, 0);
 }
 
+/* What a box is: hits are generated only on those that are opaque, as shaders find out. */
+struct opaque_params {
+    uint32_t geometry_flags; /* of the first; there is a second one of the same boxes, which is otherwise */
+    uint32_t instance_flags;
+    uint32_t ray_flags;
+};
+
+static void opaque(struct gn_case_run *run, const struct gn_case *self)
+{
+    enum { RUNGS = 24 };
+    const struct opaque_params *params = self->params;
+    struct gn_arena *arena = &run->arena;
+    const float(*boxes)[6] = gn_ladder_make(arena, &run->random, RUNGS, 0.5);
+    struct gn_cts_geometry geometries[2];
+    for (uint32_t g = 0; g < 2; g++)
+        geometries[g] = (struct gn_cts_geometry){.type = GN_REF_AABBS,
+                                                 .flags = params->geometry_flags ^ (g ? VK_GEOMETRY_OPAQUE_BIT_KHR : 0),
+                                                 .aabbs = boxes,
+                                                 .aabb_count = RUNGS};
+    /* Where both would answer alike, which one does is not defined: then there is but one. */
+    const bool both = !params->instance_flags && !params->ray_flags;
+    struct gn_cts_blas blas = {.geometries = geometries, .geometry_count = both ? 2 : 1};
+    struct gn_cts_instance instance = gn_instance_of(0, NULL);
+    instance.flags = params->instance_flags;
+    struct gn_cts_scene scene = gn_scene_make(&blas, 1, &instance, 1);
+    const uint32_t count = gn_ray_count(run, 4096);
+    struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count), *judged = GN_NEW(arena, struct gn_cts_ray, count);
+    gn_ladder_rays(&run->random, boxes, RUNGS, true, rays, count);
+    for (uint32_t i = 0; i < count; i++) {
+        rays[i].ray.flags = params->ray_flags;
+        judged[i] = rays[i];
+        /* What is not opaque might as well not be there. */
+        judged[i].ray.flags = params->ray_flags & GN_REF_RAY_OPAQUE      ? GN_REF_RAY_OPAQUE
+                              : params->ray_flags & GN_REF_RAY_NO_OPAQUE ? GN_REF_RAY_SKIP_AABBS
+                                                                         : GN_REF_RAY_CULL_NO_OPAQUE;
+    }
+    struct gn_cts_answers answers;
+    run->route.opaque_boxes = true;
+    if (gn_case_answers(run, &scene, GN_CTS_COMMITTED, rays, count, arena, &answers))
+        gn_case_judge(run, &scene, GN_CTS_COMMITTED, judged, count, 0, &answers);
+}
+
+#define OPACITY(label, geometry, instance, ray)                                                              \
+    {"aabbs.opaque_asked." label, SPEC_OPAQUE, opaque, &(const struct opaque_params){geometry, instance, ray}, 0}
 #define LADDER(label, spec, ...)                                                                             \
     {                                                                                                        \
         "aabbs." label, spec, ladder, &(const struct ladder_params){__VA_ARGS__}, 0                          \
@@ -286,6 +333,12 @@ static const struct gn_case cases[] = {
     LADDER("flat", SPEC_NEAREST, .rungs = 16, .thickness = 0),
     LADDER("opaque", "a box is presented even if it is opaque (SPV_KHR_ray_query: OpRayQueryProceedKHR)",
            .rungs = 16, .thickness = 0.5, .flags = GN_REF_GEOMETRY_OPAQUE),
+    OPACITY("first", VK_GEOMETRY_OPAQUE_BIT_KHR, 0, 0),
+    OPACITY("second", 0, 0, 0),
+    OPACITY("force_opaque", 0, VK_GEOMETRY_INSTANCE_FORCE_OPAQUE_BIT_KHR, 0),
+    OPACITY("force_no_opaque", VK_GEOMETRY_OPAQUE_BIT_KHR, VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR, 0),
+    OPACITY("ray_opaque", 0, VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR, GN_REF_RAY_OPAQUE),
+    OPACITY("ray_no_opaque", VK_GEOMETRY_OPAQUE_BIT_KHR, VK_GEOMETRY_INSTANCE_FORCE_OPAQUE_BIT_KHR, GN_REF_RAY_NO_OPAQUE),
     LADDER("inactive", SPEC_INACTIVE, .rungs = 24, .thickness = 0.5, .inactive = true),
     LADDER("short_range", SPEC_CANDIDATE, .rungs = 24, .thickness = 0.5, .short_range = true),
     LADDER("stride_32", SPEC_STRIDE, .rungs = 16, .thickness = 0.5, .stride = 32),

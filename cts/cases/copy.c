@@ -2,6 +2,8 @@
 /* Copies of structures: compacted, cloned, serialized, one after another; they answer as the source did. */
 #include "cts/compose.h"
 
+#include <string.h>
+
 #define SPEC_COMPACT                                                                                         \
     "a compacted copy holds the same geometry in less memory (Vulkan: "                                      \
     "VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR)"
@@ -10,6 +12,10 @@
     "a structure that was serialized and deserialized is like its source (Vulkan: "                          \
     "vkCmdCopyAccelerationStructureToMemoryKHR, vkCmdCopyMemoryToAccelerationStructureKHR)"
 #define SPEC_CHAIN "a copy can be copied or updated again (Vulkan: Copying Acceleration Structures)"
+#define SPEC_OVER "a copy replaces what its destination held (Vulkan: Copying Acceleration Structures)"
+#define SPEC_RELOCATE                                                                                        \
+    "a top level structure refers to what the handles in its serialized data name when it is deserialized (Vulkan: " \
+    "vkCmdCopyMemoryToAccelerationStructureKHR)"
 #define SPEC_GENERIC                                                                                         \
     "a structure of the generic type takes any level (Vulkan: VK_ACCELERATION_STRUCTURE_TYPE_GENERIC_KHR)"
 
@@ -39,14 +45,6 @@ static void steps_take(uint8_t *to, const uint8_t *from)
         to[s] = from[s];
 }
 
-static bool steps_refit(const uint8_t *steps)
-{
-    for (uint32_t s = 0; s < GN_CTS_MAX_STEPS && steps[s] != GN_CTS_STEP_END; s++)
-        if (steps[s] == REFIT || steps[s] == REFIT_COPY)
-            return true;
-    return false;
-}
-
 /* From one triangle to thousands, so that first, middle and last primitives lie in one node or far apart. */
 static struct gn_cts_geometry *meshes(struct gn_case_run *run, const struct params *params, uint32_t blas,
                                       uint32_t *out_count)
@@ -72,7 +70,7 @@ static struct gn_cts_geometry *meshes(struct gn_case_run *run, const struct para
             gn_transform_random(random, 0.5, 1, 1, true, transform);
             geometries[g].transform = transform;
         }
-        if (steps_refit(params->steps))
+        if (gn_steps_take_both(params->steps))
             geometries[g].initial_positions = gn_mesh_moved(arena, random, &mesh, 0.4);
     }
     return geometries;
@@ -88,7 +86,13 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     struct gn_cts_instance *instances = GN_NEW(arena, struct gn_cts_instance, instance_count);
     struct gn_cts_instance *initial = GN_NEW(arena, struct gn_cts_instance, instance_count);
     const float(*ladder)[6] = gn_ladder_make(arena, random, RUNGS, 0.5);
-    struct gn_cts_geometry box_geometry = {.type = GN_REF_AABBS, .aabbs = ladder, .aabb_count = RUNGS};
+    float(*other_boxes)[6] = gn_arena_alloc(arena, RUNGS, sizeof *other_boxes);
+    for (uint32_t i = 0; i < RUNGS; i++)
+        memcpy(other_boxes[i], ladder[RUNGS - 1 - i], sizeof other_boxes[i]);
+    struct gn_cts_geometry box_geometry = {.type = GN_REF_AABBS,
+                                           .aabbs = ladder,
+                                           .aabb_count = RUNGS,
+                                           .initial_aabbs = (const float(*)[6])other_boxes};
     for (uint32_t b = 0; b < blas_count; b++) {
         uint32_t count = 1;
         const struct gn_cts_geometry *geometries =
@@ -111,7 +115,7 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     struct gn_cts_scene scene = gn_scene_make(blases, blas_count, instances, instance_count);
     scene.tlas_build_flags = params->tlas_flags;
     scene.tlas_generic = params->tlas_generic;
-    scene.initial_instances = steps_refit(params->tlas_steps) ? initial : NULL;
+    scene.initial_instances = gn_steps_take_both(params->tlas_steps) ? initial : NULL;
     steps_take(scene.tlas_steps, params->tlas_steps);
 
     uint32_t count = gn_ray_count(run, 8192);
@@ -145,6 +149,21 @@ static const struct gn_case cases[] = {
     CASE("serialize.tlas", SPEC_SERIALIZE, .tlas_steps = {SERIALIZE}),
     CASE("serialize.both", SPEC_SERIALIZE, .steps = {SERIALIZE}, .tlas_steps = {SERIALIZE}),
     CASE("serialize.boxes", SPEC_SERIALIZE, .steps = {SERIALIZE}, .boxes = true),
+    CASE("over.clone", SPEC_OVER, .steps = {GN_CTS_STEP_CLONE_OVER}, .tlas_steps = {GN_CTS_STEP_CLONE_OVER}),
+    CASE("over.clone_boxes", SPEC_OVER, .steps = {GN_CTS_STEP_CLONE_OVER}, .boxes = true),
+    CASE("over.serialize", SPEC_OVER, .steps = {GN_CTS_STEP_SERIALIZE_OVER},
+         .tlas_steps = {GN_CTS_STEP_SERIALIZE_OVER}),
+    CASE("over.serialize_boxes", SPEC_OVER, .steps = {GN_CTS_STEP_SERIALIZE_OVER}, .boxes = true),
+    CASE("over.refitted", SPEC_OVER, .flags = UPDATE, .steps = {REFIT, GN_CTS_STEP_SERIALIZE_OVER, GN_CTS_STEP_CLONE_OVER},
+         .tlas_flags = UPDATE, .tlas_steps = {REFIT, GN_CTS_STEP_CLONE_OVER, GN_CTS_STEP_SERIALIZE_OVER}),
+    CASE("over.compacted", SPEC_OVER, .flags = COMPACTION, .steps = {COMPACT, GN_CTS_STEP_SERIALIZE_OVER},
+         .tlas_flags = COMPACTION, .tlas_steps = {COMPACT, GN_CTS_STEP_SERIALIZE_OVER}),
+    CASE("relocated.plain", SPEC_RELOCATE, .tlas_steps = {GN_CTS_STEP_RELOCATE}),
+    CASE("relocated.boxes", SPEC_RELOCATE, .tlas_steps = {GN_CTS_STEP_RELOCATE}, .boxes = true),
+    CASE("relocated.twice", SPEC_RELOCATE, .tlas_steps = {GN_CTS_STEP_RELOCATE, CLONE, GN_CTS_STEP_RELOCATE}),
+    CASE("relocated.compacted", SPEC_RELOCATE, .flags = COMPACTION, .steps = {COMPACT}, .tlas_flags = COMPACTION,
+         .tlas_steps = {COMPACT, GN_CTS_STEP_RELOCATE}),
+    CASE("relocated.updated", SPEC_RELOCATE, .tlas_flags = UPDATE, .tlas_steps = {REFIT, GN_CTS_STEP_RELOCATE}),
     CASE("chain.compact_clone", SPEC_CHAIN, .flags = COMPACTION, .steps = {COMPACT, CLONE},
          .tlas_flags = COMPACTION, .tlas_steps = {COMPACT, CLONE}),
     CASE("chain.clone_compact", SPEC_CHAIN, .flags = COMPACTION, .steps = {CLONE, COMPACT},

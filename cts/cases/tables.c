@@ -26,6 +26,9 @@
     "a closest-hit shader sees the attributes of the hit that is closest, not those that an intersection shader wrote " \
     "for a report that came to nothing (Vulkan: Ray Tracing Pipeline Interface; SPIR-V: OpReportIntersectionKHR)"
 #define SPEC_LIBRARY "a pipeline linked from libraries runs the same shaders (Vulkan: Pipeline Libraries)"
+#define SPEC_DEFERRED                                                                                        \
+    "a pipeline that a deferred operation creates is as any other (Vulkan: vkCreateRayTracingPipelinesKHR; Deferred " \
+    "Host Operations)"
 #define SPEC_INDIRECT                                                                                        \
     "an indirect trace reads its size, or its size and tables, from memory (Vulkan: vkCmdTraceRaysIndirectKHR, " \
     "vkCmdTraceRaysIndirect2KHR)"
@@ -208,6 +211,9 @@ static const struct gn_case cases[] = {
          .content = GN_SAMPLE_MIXED),
     LINKED("hits", GN_CTS_LINK_HITS),
     LINKED("all", GN_CTS_LINK_ALL),
+    CASE("deferred.meshes", SPEC_DEFERRED, .route = {.record_stride = 1, .deferred = true}, .content = GN_SAMPLE_MESHES),
+    CASE("deferred.mixed", SPEC_DEFERRED, .route = {.record_stride = 2, .record_offset = 1, .deferred = true},
+         .content = GN_SAMPLE_MIXED),
     LAUNCH("indirect", GN_CTS_LAUNCH_INDIRECT),
     LAUNCH("indirect2", GN_CTS_LAUNCH_INDIRECT2),
     SIZE(1),

@@ -61,6 +61,7 @@ layout(push_constant) uniform Constants {
     uint depth;
     uint width, height; /* of the launch */
     uint traps; /* whether intersection shaders write attributes for hits that they cannot have */
+    uint opaque_boxes; /* whether hits are generated on opaque boxes only */
 };
 
 Answer answer_nothing()

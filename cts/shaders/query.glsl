@@ -77,7 +77,8 @@ void candidate_decide(Ray ray)
         }
         return;
     }
-    if ((ray.generate_mask & bit) == 0) {
+    if ((ray.generate_mask & bit) == 0 ||
+        (opaque_boxes != 0 && !rayQueryGetIntersectionCandidateAABBOpaqueEXT(query))) {
         return;
     }
     float closest = ray.tmax;
