@@ -361,6 +361,25 @@ static void test_candidates(void **state)
     fixture_finish(&fixture);
 }
 
+/* What is never hit, although the ray passes through all of its corners' neighbourhood: no bound excuses it. */
+static void test_what_is_never_hit(void **state)
+{
+    (void)state;
+    static const double positions[4][3] = {{0, 0, 0}, {2, 0, 0}, {0, 2, 0}, {NAN, 0, 0}};
+    static const uint32_t triangles[4][3] = {{0, 1, 1}, {3, 1, 2}, {0, 3, 2}, {2, 1, 2}};
+    struct gn_ref_geometry geometry = {.flags = GN_REF_GEOMETRY_OPAQUE, .primitive_count = 4, .positions = positions,
+                                       .position_count = 4, .divisor = 1, .triangles = triangles};
+    struct fixture fixture = fixture_make(&geometry, 1, NULL);
+    struct gn_ref_ray ray = ray_down(1, 0);
+    for (uint32_t primitive = 0; primitive < 4; primitive++) {
+        struct gn_ref_answer answer = hit_answer(primitive, 4, 0.5f, 0);
+        expect(primitive % 3 ? "an inactive triangle" : "a degenerate triangle", &fixture, &ray, &confirm_all, &answer,
+               GN_REF_WRONG);
+    }
+    expect("nothing", &fixture, &ray, &confirm_all, &miss, GN_REF_EXACT);
+    fixture_finish(&fixture);
+}
+
 /* Sizes grow with the conditioning of the transform, and facing stays with the object. */
 static void test_transforms(void **state)
 {
@@ -390,7 +409,7 @@ int main(void)
         cmocka_unit_test(test_numbers_and_facts), cmocka_unit_test(test_shared_edges_and_vertices),
         cmocka_unit_test(test_silhouettes),       cmocka_unit_test(test_nearest),
         cmocka_unit_test(test_policy_and_boxes),  cmocka_unit_test(test_candidates),
-        cmocka_unit_test(test_transforms),
+        cmocka_unit_test(test_transforms),        cmocka_unit_test(test_what_is_never_hit),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
