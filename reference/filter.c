@@ -26,6 +26,8 @@
  * margin of 2 eps^2 >= 2^-499. Outside that range the filter decides nothing.
  */
 #include <math.h>
+#include <stdint.h>
+#include <string.h>
 
 #include "reference/scene_internal.h"
 
@@ -221,10 +223,24 @@ bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_lane *
     return true;
 }
 
+/* nextafter(value, INFINITY), whose call would be a third of what deciding a box takes. */
+static double above(double value)
+{
+    uint64_t bits;
+    if (!(value < INFINITY))
+        return value;
+    if (value == 0)
+        return 0x1p-1074;
+    memcpy(&bits, &value, sizeof bits);
+    bits += value > 0 ? 1 : -(uint64_t)1;
+    memcpy(&value, &bits, sizeof value);
+    return value;
+}
+
 /* Interval arithmetic, each end widened by one f64: rounding to nearest is wrong by less. */
 static struct gn_ref_interval widen(double lower, double upper)
 {
-    return (struct gn_ref_interval){nextafter(lower, -INFINITY), nextafter(upper, INFINITY)};
+    return (struct gn_ref_interval){-above(-lower), above(upper)};
 }
 
 static struct gn_ref_interval point(double value)
