@@ -104,6 +104,21 @@ const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *
 
 #define GN_CASE_ERROR_BINS 66
 
+/*
+ * What is kept of rays for the other run of a gate, whose driver gets the same ones: where it answers the same, the verdict is
+ * the same. Arrays are malloc'ed.
+ */
+struct gn_case_kept {
+    /* Of the ray, its scene and the answer; the upper 16 bits tell ray and decisions alone. */
+    uint64_t *digests;
+    /* The hit error of an exact answer, or one of the following. */
+    float *verdicts;
+    size_t count;
+};
+#define GN_CASE_KEPT_MISS -1.0f /* exact: there is nothing to hit */
+#define GN_CASE_KEPT_HIT -2.0f /* exact: a hit without an error to speak of */
+#define GN_CASE_KEPT_OTHER -3.0f /* anything else, which has to be judged to say why */
+
 /* What a case has come to; filled by the functions below, read by the runner and the reports. */
 struct gn_case_result {
     enum gn_case_status status;
@@ -118,9 +133,7 @@ struct gn_case_result {
     uint64_t hit_error_bins[GN_CASE_ERROR_BINS];
     double margin_max;
     uint64_t answers; /* a digest of all that the driver answered, in order */
-    /* One per ray: the decisions in the upper half, the numbers in the lower; malloc'ed. */
-    uint32_t *digests;
-    size_t digest_count;
+    struct gn_case_kept kept; /* of all rays, in order */
     struct gn_case_curve curve; /* of a sweep, whose sums above are those of the judged values alone */
     bool has_offender;
     struct gn_case_offender offender;
@@ -155,6 +168,7 @@ struct gn_case_run {
     struct gn_case_point *point; /* what is traced belongs to it; NULL outside of sweeps */
     bool with_tiers; /* the rays of points are traced by the tiers, too */
     struct gn_case_samples *point_samples; /* likewise owned by judge.c */
+    struct gn_case_kept known; /* what an earlier run kept of this case, or nothing */
 };
 
 /*
@@ -182,8 +196,20 @@ void gn_case_judge(struct gn_case_run *run, const struct gn_cts_scene *scene, en
 /* The scene as the reference has it, committed; NULL, and the run in error, when it cannot take it. */
 struct gn_ref_scene *gn_case_reference(struct gn_case_run *run, const struct gn_cts_scene *scene);
 
-/* Adds the answers of a trace to the case's digests; gn_case_trace() and gn_case_judge() do. */
-void gn_case_digest(struct gn_case_run *run, const struct gn_cts_answers *answers, uint32_t ray_count);
+/* Adds the answers of a trace to what is kept, with verdicts yet to come; gn_case_trace() and gn_case_judge() do. */
+void gn_case_digest(struct gn_case_run *run, const struct gn_ref_scene *reference, enum gn_cts_program program,
+                    const struct gn_cts_ray *rays, const struct gn_cts_answers *answers, uint32_t ray_count);
+/* The verdict that is known of a ray that has been added; GN_CASE_KEPT_OTHER where it has to be judged. */
+float gn_case_known_verdict(const struct gn_case_run *run, size_t ray);
+/*
+ * The gate's two runs name a folder: GNOMON_ANSWERS_KEPT, where the first leaves what it keeps, and GNOMON_ANSWERS_KNOWN, where
+ * the second finds it and leaves how many rays it answered otherwise. Reading fails silently: then all is judged.
+ */
+void gn_case_known_read(struct gn_case_run *run, const char *name);
+bool gn_case_kept_write(const struct gn_case_run *run, const char *name, char *out_error, size_t error_size);
+/* How many rays the second run decided otherwise, or (deciding the same) computed otherwise. False where that is not known. */
+bool gn_case_changed_read(const char *folder, const char *name, uint64_t *out_decisions, uint64_t *out_numbers);
+void gn_case_kept_finish(struct gn_case_kept *kept);
 
 /*
  * Sweeps: names the curve, whose texts have to outlive the run, and makes room for `count` points; then everything
@@ -212,8 +238,8 @@ void gn_case_run_begin(const struct gn_case *self, struct gn_device *device, uin
                        struct gn_case_run *out_run);
 void gn_case_run_end(struct gn_case_run *run);
 
-/* Runs one case in this process, from zeroed result to final status. */
-void gn_case_execute(const struct gn_case *self, enum gn_case_backend backend, struct gn_device *device,
+/* Runs one case in this process, from zeroed result to final status. `name` is the one with the backend. */
+void gn_case_execute(const struct gn_case *self, const char *name, enum gn_case_backend backend, struct gn_device *device,
                      uint64_t seed, double scale,
                      int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run);
 void gn_case_run_finish(struct gn_case_run *run);

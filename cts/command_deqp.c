@@ -91,7 +91,7 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     printf("Test case '%s'..\n", selected->name);
     fflush(stdout);
     gn_worker_test_fault(selected->name);
-    gn_case_execute(selected->self, selected->backend, device, session->seed, session->scale, -1, -1, &run);
+    gn_case_execute(selected->self, selected->name, selected->backend, device, session->seed, session->scale, -1, -1, &run);
     enum gn_case_status status = run.result.status;
     snprintf(message, sizeof message, "%s%s", status == GN_CASE_LEAK ? "leak: " : "", run.result.message);
     gn_text_clean(message);

@@ -122,21 +122,24 @@ static void remove_answers(const char *folder)
     rmdir(folder);
 }
 
-/* One run of the plan, its reports in OUT/NAME and its answers' digests in OUT/NAME-answers. */
+/*
+ * One run of the plan, its reports in OUT/NAME. `answers`, or NULL, is the folder in which the first run leaves what the
+ * second one need not find out again.
+ */
 static int run_driver(const struct gate_options *options, const struct gn_run_plan *plan, const char *driver,
-                      const char *name, const char *typed, bool keep_answers, struct gn_results *results)
+                      const char *name, const char *typed, const char *answers, bool first, struct gn_results *results)
 {
-    char out[4096], answers[4096], error[1024];
-    snprintf(out, sizeof out, "%s/%s", options->run.out, name);
-    snprintf(answers, sizeof answers, "%s/%s-answers", options->run.out, name);
-    if (keep_answers && !gn_folder_create(answers, error, sizeof error)) {
+    const char *variable = first ? "GNOMON_ANSWERS_KEPT" : "GNOMON_ANSWERS_KNOWN";
+    char error[1024];
+    if (answers && !gn_folder_create(answers, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s\n", error);
         return 2;
     }
-    if (keep_answers)
-        setenv("GNOMON_ANSWERS", answers, 1);
-    int status = gn_run_plan_run(plan, &options->run, driver, gn_arena_printf(&results->arena, "%s", out), typed, results);
-    unsetenv("GNOMON_ANSWERS");
+    if (answers)
+        setenv(variable, answers, 1);
+    const char *out = gn_arena_printf(&results->arena, "%s/%s", options->run.out, name);
+    int status = gn_run_plan_run(plan, &options->run, driver, out, typed, results);
+    unsetenv(variable);
     return status;
 }
 
@@ -148,15 +151,14 @@ static bool judged(int status, const struct gn_results *results)
 
 static int run_gate(struct gate_options *options, struct gn_run_plan *plan, const char *typed, struct gn_results *now)
 {
-    char error[1024], now_answers[4096], before_answers[4096];
+    char error[1024], answers[4096];
     double started = gn_clock();
     struct gn_results before;
     struct gn_gate gate = {.now = now, .expects = plan->expectations.count > 0, .budget = options->budget};
     struct gn_run_plan before_plan = *plan;
     int status = 2;
     gn_results_init(&before);
-    snprintf(now_answers, sizeof now_answers, "%s/new-answers", options->run.out);
-    snprintf(before_answers, sizeof before_answers, "%s/old-answers", options->run.out);
+    snprintf(answers, sizeof answers, "%s/answers", options->run.out);
     gate.now_driver = options->run.driver ? options->run.driver : "lavapipe";
     gate.before_driver = options->against;
     const char *driver = gn_driver_resolve(options->run.driver, &now->arena, error, sizeof error), *against = NULL;
@@ -167,20 +169,22 @@ static int run_gate(struct gate_options *options, struct gn_run_plan *plan, cons
         goto done;
     }
     options->run.quiet = true;
-    status = run_driver(options, plan, driver, "new", typed, against != NULL, now);
+    status = run_driver(options, plan, driver, "new", typed, against ? answers : NULL, true, now);
     if (!judged(status, now))
         goto done;
     if (against) {
         /* Nothing is expected of the old driver: it is what the new one is held against. Skips hold for both. */
         before_plan.expectations = plan->expectations;
         before_plan.expectations.device = NULL;
-        status = run_driver(options, &before_plan, against, "old", typed, true, &before);
+        status = run_driver(options, &before_plan, against, "old", typed, answers, false, &before);
         if (!judged(status, &before))
             goto done;
         gate.before = &before;
     }
-    gn_gate_compare(&gate, now_answers, before_answers);
+    gn_gate_compare(&gate, answers);
+    double compared = gn_clock();
     gn_gate_rerun(&gate, driver, options->reruns);
+    gate.rerun_seconds = gn_clock() - compared;
     if (against && !options->no_times && !gn_gate_measure(&gate, driver, against, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s\n", error);
         status = 3;
@@ -194,8 +198,7 @@ static int run_gate(struct gate_options *options, struct gn_run_plan *plan, cons
     }
     gn_gate_print(&gate, options->run.out);
 done:
-    remove_answers(now_answers);
-    remove_answers(before_answers);
+    remove_answers(answers);
     gn_gate_finish(&gate);
     gn_results_finish(&before);
     return status;

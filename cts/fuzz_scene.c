@@ -341,5 +341,5 @@ void gn_fuzz_execute(const struct gn_fuzz_trial *trial, struct gn_device *device
     /* The table of a run outlives the call: messages point into nothing of it. */
     static const char spec[] = "any scene (ray traversal)";
     const struct gn_case self = {.name = "fuzz", .spec = spec, .run = run_trial, .params = trial};
-    gn_case_execute(&self, trial->backend, device, 0, 1, -1, -1, out_run);
+    gn_case_execute(&self, self.name, trial->backend, device, 0, 1, -1, -1, out_run);
 }

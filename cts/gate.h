@@ -70,15 +70,15 @@ struct gn_gate {
     size_t time_count;
     struct gn_gate_rerun *reruns; /* malloc'ed */
     size_t rerun_count;
-    double seconds;
+    double seconds, rerun_seconds; /* in all, and running cases again */
     const char *now_driver, *before_driver; /* as the user named them */
 };
 
 /*
- * Compares the results, and ray by ray where both folders have the digests that GNOMON_ANSWERS left. Strings go to the
- * arena of gate->now.
+ * Compares the results, and ray by ray where the folder has what the second run found (gn_case_kept_write()). Strings go
+ * to the arena of gate->now.
  */
-void gn_gate_compare(struct gn_gate *gate, const char *now_answers, const char *before_answers);
+void gn_gate_compare(struct gn_gate *gate, const char *answers);
 
 /*
  * Measures both drivers in turns until every item is decided, or has had its rounds. False with a message when a driver

@@ -47,35 +47,6 @@ static enum gn_gate_change change_of(const struct gn_results_case *now, const st
     return now->answers == before->answers ? GN_GATE_SAME : GN_GATE_ANSWERS;
 }
 
-static uint32_t *read_digests(const char *folder, const char *name, size_t *out_count)
-{
-    char path[4096], error[512], *data = NULL;
-    size_t length = 0;
-    snprintf(path, sizeof path, "%s/%s.bin", folder, name);
-    if (!gn_file_read(path, (size_t)1 << 31, &data, &length, error, sizeof error))
-        return NULL;
-    *out_count = length / sizeof(uint32_t);
-    return (uint32_t *)(void *)data;
-}
-
-static void compare_rays(struct gn_gate_case *pair, const char *now_answers, const char *before_answers)
-{
-    size_t now_count = 0, before_count = 0;
-    uint32_t *now = read_digests(now_answers, pair->now->name, &now_count);
-    uint32_t *before = read_digests(before_answers, pair->now->name, &before_count);
-    if (now && before && now_count == before_count) {
-        pair->ray_by_ray = true;
-        for (size_t i = 0; i < now_count; i++) {
-            if (now[i] >> 16 != before[i] >> 16)
-                pair->decisions_changed++;
-            else if (now[i] != before[i])
-                pair->numbers_changed++;
-        }
-    }
-    free(now);
-    free(before);
-}
-
 /* The probability that two samples of one distribution are at least so far apart (Kolmogorov's series). */
 static double distance_probability(double distance, double now_count, double before_count)
 {
@@ -161,7 +132,7 @@ static void compare_families(struct gn_gate *gate)
     }
 }
 
-void gn_gate_compare(struct gn_gate *gate, const char *now_answers, const char *before_answers)
+void gn_gate_compare(struct gn_gate *gate, const char *answers)
 {
     gate->case_count = gate->now->count;
     gate->cases = allocate(gate->case_count, sizeof *gate->cases);
@@ -171,7 +142,8 @@ void gn_gate_compare(struct gn_gate *gate, const char *now_answers, const char *
         pair->before = gate->before ? find(gate->before, pair->now->name) : NULL;
         pair->change = gate->before ? change_of(pair->now, pair->before) : GN_GATE_SAME;
         if (pair->before && pair->now->answers != pair->before->answers)
-            compare_rays(pair, now_answers, before_answers);
+            pair->ray_by_ray =
+                gn_case_changed_read(answers, pair->now->name, &pair->decisions_changed, &pair->numbers_changed);
     }
     if (!gate->before)
         return;

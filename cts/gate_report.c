@@ -126,6 +126,10 @@ static char *encode_json(const struct gn_gate *gate, size_t *out_length)
     put_text(doc, root, "verdict", verdict);
     yyjson_mut_obj_add_int(doc, root, "exit_status", gn_gate_exit_status(gate));
     yyjson_mut_obj_add_real(doc, root, "seconds", gate->seconds);
+    yyjson_mut_obj_add_real(doc, root, "new_seconds", gate->now->seconds);
+    if (gate->before)
+        yyjson_mut_obj_add_real(doc, root, "old_seconds", gate->before->seconds);
+    yyjson_mut_obj_add_real(doc, root, "rerun_seconds", gate->rerun_seconds);
     yyjson_mut_obj_add_real(doc, root, "time_budget", gate->budget);
     put_text(doc, root, "gnomon", gn_version());
     put_device(doc, root, "new", gate->now);

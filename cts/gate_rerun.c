@@ -4,6 +4,7 @@
  * worker had run before them, of which the one that matters is then looked for by halves.
  */
 #include <poll.h>
+#include <pthread.h>
 #include <stdlib.h>
 #include <string.h>
 
@@ -19,6 +20,11 @@ struct rerun {
     const struct gn_gate *gate;
     const char *driver;
     double deadline;
+    uint32_t times;
+    const struct gn_results_case *cases[MOST_CASES];
+    struct gn_gate_rerun *out; /* one per case */
+    size_t count;
+    _Atomic size_t next;
 };
 
 /* The status of the last of the cases, run one after another in a new process. */
@@ -108,32 +114,47 @@ static const char *bisect(const struct rerun *rerun, const char *const *context,
     return count == 1 ? context[0] : "";
 }
 
-static void rerun_case(const struct rerun *rerun, const struct gn_results_case *cs, uint32_t times,
-                       struct gn_gate_rerun *out)
+static void rerun_case(const struct rerun *rerun, const struct gn_results_case *cs, struct gn_gate_rerun *out)
 {
     *out = (struct gn_gate_rerun){.name = cs->name, .after = ""};
-    for (; out->alone < times && gn_clock() < rerun->deadline; out->alone++)
+    for (; out->alone < rerun->times && gn_clock() < rerun->deadline; out->alone++)
         out->alone_passed += passes(rerun, NULL, 0, cs->name);
     if (!out->alone_passed || !cs->worker)
         return;
     size_t count = 0;
     const char **context = context_of(rerun->gate->now, cs, &count);
-    for (; context && count && out->context < times && gn_clock() < rerun->deadline; out->context++)
+    for (; context && count && out->context < rerun->times && gn_clock() < rerun->deadline; out->context++)
         out->context_passed += passes(rerun, context, count, cs->name);
     if (out->alone_passed == out->alone && out->context && !out->context_passed)
         out->after = bisect(rerun, context, count, cs->name);
     free(context);
 }
 
+/* Takes cases until none is left. */
+static void *serve(void *user)
+{
+    struct rerun *rerun = user;
+    for (size_t i; (i = rerun->next++) < rerun->count;)
+        rerun_case(rerun, rerun->cases[i], &rerun->out[i]);
+    return NULL;
+}
+
 void gn_gate_rerun(struct gn_gate *gate, const char *driver, uint32_t times)
 {
-    struct rerun rerun = {gate, driver, gn_clock() + MOST_SECONDS};
+    struct rerun rerun = {.gate = gate, .driver = driver, .deadline = gn_clock() + MOST_SECONDS, .times = times};
+    pthread_t threads[MOST_CASES];
+    size_t started = 0;
     gate->reruns = calloc(MOST_CASES, sizeof *gate->reruns);
-    for (size_t i = 0; gate->reruns && i < gate->case_count && gate->rerun_count < MOST_CASES; i++) {
-        const struct gn_results_case *cs = gate->cases[i].now;
-        if (!times || !gn_gate_case_counts(gate, i) || !gn_case_status_is_failure(cs->status) ||
-            gn_clock() > rerun.deadline)
-            continue;
-        rerun_case(&rerun, cs, times, &gate->reruns[gate->rerun_count++]);
-    }
+    for (size_t i = 0; times && gate->reruns && i < gate->case_count && rerun.count < MOST_CASES; i++)
+        if (gn_gate_case_counts(gate, i) && gn_case_status_is_failure(gate->cases[i].now->status))
+            rerun.cases[rerun.count++] = gate->cases[i].now;
+    rerun.out = gate->reruns;
+    gate->rerun_count = rerun.count;
+    /* As many processes at a time as the run had; this thread is one of those that wait for them. */
+    while (started + 1 < rerun.count && started + 1 < gate->now->run.jobs &&
+           pthread_create(&threads[started], NULL, serve, &rerun) == 0)
+        started++;
+    serve(&rerun);
+    while (started)
+        pthread_join(threads[--started], NULL);
 }

@@ -302,87 +302,131 @@ static void point_add(struct gn_case_run *run, const struct gn_ref_verdict *verd
             fmax(point->held_error_max, verdict->hit_error / verdict->hit_bound * gn_ref_verdict_bound());
 }
 
-static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const struct gn_ref_scene *reference,
-                      enum gn_cts_program program, const struct gn_cts_ray *rays, uint32_t i,
-                      const struct gn_cts_answers *answers, bool keep_image)
-{
-    struct gn_case_result *result = &run->result;
-    const struct gn_cts_ray *ray = &rays[i];
-    const struct gn_ref_answer *answer = &answers->committed[i];
-    const char *fault = gn_answer_fault((uint32_t)answer->kind);
-    const struct gn_ref_answer nothing = {.kind = GN_REF_ANSWER_NONE};
-    if (fault)
-        answer = &nothing;
-    struct gn_ref_policy policy = ray->policy;
+/* What one answer comes to. */
+struct judged {
+    struct gn_ref_answer answer; /* none where there is a fault */
     struct gn_ref_verdict verdict;
+    double hit_error;
+    bool measured; /* the hit error says something */
+};
+
+/* False, and the run in error, when there is no verdict. */
+static bool answer_judge(struct gn_case_run *run, struct gn_ref_judge *judge, const struct gn_ref_scene *reference,
+                         enum gn_cts_program program, const struct gn_cts_ray *ray, uint32_t i,
+                         const struct gn_cts_answers *answers, struct judged *out)
+{
+    struct gn_ref_verdict *verdict = &out->verdict;
+    struct gn_ref_answer *answer = &out->answer;
+    const char *fault = gn_answer_fault((uint32_t)answers->committed[i].kind);
+    *answer = fault ? (struct gn_ref_answer){.kind = GN_REF_ANSWER_NONE} : answers->committed[i];
+    struct gn_ref_policy policy = ray->policy;
     if (program == GN_CTS_CANDIDATES)
         policy.confirm_mask = policy.generate_mask = 0;
-    if (!gn_ref_judge_committed(judge, &ray->ray, &policy, answer, &verdict)) {
+    if (!gn_ref_judge_committed(judge, &ray->ray, &policy, answer, verdict)) {
         case_error(run, "the reference cannot judge ray %u: invalid ray or out of memory", i);
-        return;
+        return false;
     }
-    double hit_error = verdict.hit_error;
+    out->hit_error = verdict->hit_error;
     if (program == GN_CTS_CANDIDATES && !fault) {
         const struct gn_cts_candidates *candidates = &answers->candidates[i];
         struct gn_ref_verdict listed;
         if (candidates->count > GN_CTS_MAX_CANDIDATES) {
             case_error(run, "ray %u met %u candidates, more than the %d that are recorded", i, candidates->count,
                        GN_CTS_MAX_CANDIDATES);
-            return;
+            return false;
         }
         if (!gn_ref_judge_candidates(judge, &ray->ray, candidates->list, candidates->count, answer, &listed)) {
             case_error(run, "the reference cannot judge ray %u: invalid ray or out of memory", i);
-            return;
+            return false;
         }
-        if (!verdict.ideal_hit)
-            verdict.ideal = listed.ideal;
-        verdict.ideal_hit |= listed.ideal_hit;
-        if (listed.cls > verdict.cls) {
-            verdict.cls = listed.cls;
-            memcpy(verdict.reason, listed.reason, sizeof verdict.reason);
+        if (!verdict->ideal_hit)
+            verdict->ideal = listed.ideal;
+        verdict->ideal_hit |= listed.ideal_hit;
+        if (listed.cls > verdict->cls) {
+            verdict->cls = listed.cls;
+            memcpy(verdict->reason, listed.reason, sizeof verdict->reason);
         }
-        verdict.margin = fmax(verdict.margin, listed.margin);
+        verdict->margin = fmax(verdict->margin, listed.margin);
         for (uint32_t c = 0; c < candidates->count; c++)
-            hit_error = fmax(hit_error, listed.hit_error);
+            out->hit_error = fmax(out->hit_error, listed.hit_error);
     }
     if (fault) {
-        verdict.cls = GN_REF_EXACT; /* whatever a miss would have been */
-        verdict_wrong(&verdict, "has no answer: %s", fault);
+        verdict->cls = GN_REF_EXACT; /* whatever a miss would have been */
+        verdict_wrong(verdict, "has no answer: %s", fault);
     }
     if (program == GN_CTS_DETAIL)
-        judge_detail(judge, reference, ray, answer, &answers->details[i], &verdict);
+        judge_detail(judge, reference, ray, answer, &answers->details[i], verdict);
     if (program == GN_CTS_POSITIONS)
-        judge_positions(judge, answer, answers->positions[i], &verdict);
+        judge_positions(judge, answer, answers->positions[i], verdict);
 
     /* The error of a hit on a primitive that is not there says nothing about rounding. */
-    bool elsewhere = verdict.cls == GN_REF_WRONG &&
-                     !(verdict.ideal_hit && verdict.ideal.instance == answer->instance &&
-                       verdict.ideal.geometry == answer->geometry && verdict.ideal.primitive == answer->primitive);
-    bool measured = answer->kind == GN_REF_ANSWER_TRIANGLE && !elsewhere;
+    bool elsewhere = verdict->cls == GN_REF_WRONG &&
+                     !(verdict->ideal_hit && verdict->ideal.instance == answer->instance &&
+                       verdict->ideal.geometry == answer->geometry && verdict->ideal.primitive == answer->primitive);
+    out->measured = answer->kind == GN_REF_ANSWER_TRIANGLE && !elsewhere;
+    return true;
+}
+
+/* What an earlier run found of the same answer to the same ray, as far as it is kept. False where it has to be judged. */
+static bool answer_recall(const struct gn_case_run *run, const struct gn_ref_answer *answer, size_t kept, struct judged *out)
+{
+    float known = run->point ? GN_CASE_KEPT_OTHER : gn_case_known_verdict(run, kept);
+    if (known == GN_CASE_KEPT_OTHER)
+        return false;
+    out->answer = *answer;
+    out->verdict.cls = GN_REF_EXACT;
+    out->verdict.ideal_hit = known != GN_CASE_KEPT_MISS;
+    out->verdict.margin = 0;
+    out->measured = known >= 0;
+    out->hit_error = (double)known;
+    return true;
+}
+
+static float verdict_keep(const struct judged *judged)
+{
+    const struct gn_ref_verdict *verdict = &judged->verdict;
+    if (verdict->cls != GN_REF_EXACT || verdict->margin != 0 || (judged->measured && !verdict->ideal_hit))
+        return GN_CASE_KEPT_OTHER;
+    return judged->measured ? (float)judged->hit_error : verdict->ideal_hit ? GN_CASE_KEPT_HIT : GN_CASE_KEPT_MISS;
+}
+
+/* `kept` is the ray's place among all of the case. */
+static void judge_ray(struct gn_case_run *run, struct gn_ref_judge *judge, const struct gn_ref_scene *reference,
+                      enum gn_cts_program program, const struct gn_cts_ray *ray, uint32_t i,
+                      const struct gn_cts_answers *answers, size_t kept, bool keep_image)
+{
+    struct gn_case_result *result = &run->result;
+    struct judged judged;
+    const struct gn_ref_verdict *verdict = &judged.verdict;
+    if (!answer_recall(run, &answers->committed[i], kept, &judged)) {
+        if (!answer_judge(run, judge, reference, program, ray, i, answers, &judged))
+            return;
+        result->kept.verdicts[kept] = verdict_keep(&judged);
+    }
     if (run->point)
-        point_add(run, &verdict, measured, hit_error);
+        point_add(run, verdict, judged.measured, judged.hit_error);
     if (keep_image && result->image)
-        result->image[i] = (uint8_t)(verdict.cls | (verdict.ideal_hit ? 0 : 0x80));
+        result->image[i] = (uint8_t)(verdict->cls | (verdict->ideal_hit ? 0 : 0x80));
     bool selected = run->only_ray >= 0;
     if (run->point && !run->point->judged && !selected)
         return;
 
     result->rays++;
-    result->ideal_hits += verdict.ideal_hit;
-    result->class_counts[verdict.cls]++;
-    if (measured)
-        sample_add(run->samples, hit_error);
-    if (verdict.cls < GN_REF_GAP && verdict.margin > result->margin_max)
-        result->margin_max = verdict.margin;
+    result->ideal_hits += verdict->ideal_hit;
+    result->class_counts[verdict->cls]++;
+    if (judged.measured)
+        sample_add(run->samples, judged.hit_error);
+    if (verdict->cls < GN_REF_GAP && verdict->margin > result->margin_max)
+        result->margin_max = verdict->margin;
 
-    bool bad = verdict.cls >= GN_REF_LEAK;
-    if (selected || (bad && (!result->has_offender || verdict.cls > result->offender.verdict.cls))) {
+    bool bad = verdict->cls >= GN_REF_LEAK;
+    if (selected || (bad && (!result->has_offender || verdict->cls > result->offender.verdict.cls))) {
         result->has_offender = true;
         result->offender = (struct gn_case_offender){.trace = run->trace_count,
                                                      .ray_index = i,
                                                      .ray = *ray,
-                                                     .answer = *answer,
-                                                     .verdict = verdict};
+                                                     .answer = judged.answer,
+                                                     .verdict = *verdict};
     }
 }
 
@@ -427,11 +471,13 @@ static void judge_rays(struct gn_case_run *run, const struct gn_cts_scene *scene
     result->image = NULL;
     if (run->only_ray < 0)
         image_begin(run, ray_count, width);
-    gn_case_digest(run, answers, end - first);
+    size_t kept = result->kept.count;
+    gn_case_digest(run, reference, program, rays + first, answers, end - first);
     for (uint32_t i = 0; i < end - first; i++)
-        judge_ray(run, judge, reference, program, rays + first, i, answers, run->only_ray < 0);
+        judge_ray(run, judge, reference, program, &rays[first + i], i, answers, kept + i, run->only_ray < 0);
     char error[320];
-    if (run->point && run->with_tiers && run->only_ray < 0 &&
+    /* What the tiers say of the same rays, an earlier run has shown. */
+    if (run->point && run->with_tiers && run->only_ray < 0 && !run->known.count &&
         !gn_sweep_tiers_trace(run->point, reference, judge, program, rays, ray_count, error, sizeof error))
         case_error(run, "%s", error);
     if (run->only_ray >= 0 && result->has_offender) {
@@ -644,7 +690,7 @@ static struct gn_cts_route route_of(enum gn_case_backend backend, const char *ca
     };
 }
 
-void gn_case_execute(const struct gn_case *self, enum gn_case_backend backend, struct gn_device *device,
+void gn_case_execute(const struct gn_case *self, const char *name, enum gn_case_backend backend, struct gn_device *device,
                      uint64_t seed, double scale, int64_t only_trace, int64_t only_ray, struct gn_case_run *out_run)
 {
     struct timespec begin, end;
@@ -653,6 +699,8 @@ void gn_case_execute(const struct gn_case *self, enum gn_case_backend backend, s
     out_run->route = route_of(backend, self->name);
     out_run->only_trace = only_trace;
     out_run->only_ray = only_ray;
+    if (only_trace < 0)
+        gn_case_known_read(out_run, name);
     self->run(out_run, self);
     gn_case_run_end(out_run);
     clock_gettime(CLOCK_MONOTONIC, &end);
@@ -662,7 +710,8 @@ void gn_case_execute(const struct gn_case *self, enum gn_case_backend backend, s
 void gn_case_run_finish(struct gn_case_run *run)
 {
     free(run->result.image);
-    free(run->result.digests);
+    gn_case_kept_finish(&run->result.kept);
+    gn_case_kept_finish(&run->known);
     run->result.image = NULL;
     if (run->samples)
         free(run->samples->values);

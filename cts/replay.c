@@ -146,7 +146,7 @@ static int explain(const struct gn_replay *replay, const struct gn_selected *sel
     fflush(stdout);
 
     struct gn_case_run run;
-    gn_case_execute(selected->self, selected->backend, device, replay->seed, replay->scale, one_ray ? replay->trace : -1,
+    gn_case_execute(selected->self, selected->name, selected->backend, device, replay->seed, replay->scale, one_ray ? replay->trace : -1,
                     one_ray ? replay->ray : -1, &run);
     const struct gn_case_result *result = &run.result;
     bool failed = gn_case_status_is_failure(result->status);

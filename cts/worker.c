@@ -103,38 +103,27 @@ bool gn_worker_test_fault(const char *name)
     return false;
 }
 
-/* `gnomon gate` compares drivers ray by ray: it names a folder for the digests of their answers. */
-static bool keep_answers(const char *name, const struct gn_case_result *result)
-{
-    const char *folder = getenv("GNOMON_ANSWERS");
-    char path[4096], error[1024];
-    if (!folder || !*folder || !result->digest_count)
-        return true;
-    snprintf(path, sizeof path, "%s/%s.bin", folder, name);
-    if (gn_file_write(path, result->digests, result->digest_count * sizeof *result->digests, error, sizeof error))
-        return true;
-    fprintf(stderr, "gnomon: %s\n", error);
-    return false;
-}
-
 static bool run_case(const struct gn_selected *selected, struct gn_device *device, uint64_t seed,
                      double scale, bool *out_go_on)
 {
     struct gn_case_run run;
     struct gn_results_case result;
+    char error[1024] = "";
     size_t length = 0;
     if (gn_worker_test_fault(selected->name)) {
         memset(&run, 0, sizeof run);
         run.result.status = GN_CASE_ERROR;
         snprintf(run.result.message, sizeof run.result.message, "the device was lost (GNOMON_TEST_FAULT)");
     } else {
-        gn_case_execute(selected->self, selected->backend, device, seed, scale, -1, -1, &run);
+        gn_case_execute(selected->self, selected->name, selected->backend, device, seed, scale, -1, -1, &run);
     }
     gn_worker_result(selected->name, selected->self, &run, &result);
     result.family = gn_case_family_name(selected->self->name, &run.arena);
     char *text = gn_results_case_encode(&result, &length);
     *out_go_on = run.result.status != GN_CASE_ERROR;
-    bool ok = text && keep_answers(selected->name, &run.result) && answer('C', text, length);
+    bool ok = text && gn_case_kept_write(&run, selected->name, error, sizeof error) && answer('C', text, length);
+    if (*error)
+        fprintf(stderr, "gnomon: %s\n", error);
     gn_case_run_finish(&run);
     free(text);
     return ok;

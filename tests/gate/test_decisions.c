@@ -140,7 +140,7 @@ static void changes(void **state)
         cs.answers = rows[i].before_answers;
         if (cs.status != GN_CASE_STATUS_COUNT)
             gn_results_add(&before, &cs);
-        gn_gate_compare(&gate, "/nowhere", "/nowhere");
+        gn_gate_compare(&gate, "/nowhere");
         if (gate.cases[0].change != rows[i].change || gn_gate_case_counts(&gate, 0) != rows[i].counts)
             fail_msg("row %zu: '%s', counts %d", i, gn_gate_change_name(gate.cases[0].change),
                      gn_gate_case_counts(&gate, 0));
@@ -173,7 +173,7 @@ static void not_nothing(void **state)
             gn_results_add_stale(&now, "f:1: gone");
         else
             before.stopped = "interrupted";
-        gn_gate_compare(&gate, "/nowhere", "/nowhere");
+        gn_gate_compare(&gate, "/nowhere");
         assert_int_equal(gn_gate_exit_status(&gate), what == 2 ? 3 : 1);
         gn_gate_finish(&gate);
         gn_results_finish(&now);
@@ -200,7 +200,7 @@ static void drift(void **state)
         cs.hit_error_bins[20] -= rows[i].shifted * rows[i].scale;
         cs.hit_error_bins[21] = rows[i].shifted * rows[i].scale;
         gn_results_add(&now, &cs);
-        gn_gate_compare(&gate, "/nowhere", "/nowhere");
+        gn_gate_compare(&gate, "/nowhere");
         assert_int_equal(gate.drift_count, 1);
         if (gate.drifts[0].drifted != rows[i].drifted ||
             fabs(gate.drifts[0].distance - (double)rows[i].shifted / 1000) > 1e-9)
