@@ -11,6 +11,7 @@
 #include <string.h>
 #include <sys/wait.h>
 #include <unistd.h>
+#include <vulkan/vulkan.h>
 #include <yyjson.h>
 
 #include "checks/rules/rules.h"
@@ -397,6 +398,35 @@ static bool make_folder(char *out, size_t size)
     return false;
 }
 
+/* Where the records of shaders outlive their process. Memory of a disk is not what every driver lets a device write to. */
+static bool make_records_folder(char *out, size_t size)
+{
+    snprintf(out, size, "/dev/shm/gnomon-layer-XXXXXX");
+    return mkdtemp(out) || make_folder(out, size);
+}
+
+/* A killed process has left something; the layer itself tells what, when the next instance is made. */
+static bool tell_left(const char *records)
+{
+    struct dirent **entries = NULL;
+    int count = scandir(records, &entries, only_files, alphasort);
+    for (int i = 0; i < count; i++)
+        free(entries[i]);
+    free(entries);
+    pid_t pid = count > 0 ? fork() : -1;
+    if (pid == 0) {
+        const VkApplicationInfo application = {.sType = VK_STRUCTURE_TYPE_APPLICATION_INFO, .apiVersion = VK_API_VERSION_1_1};
+        const VkInstanceCreateInfo info = {.sType = VK_STRUCTURE_TYPE_INSTANCE_CREATE_INFO, .pApplicationInfo = &application};
+        VkInstance instance;
+        if (vkCreateInstance(&info, NULL, &instance) == VK_SUCCESS)
+            vkDestroyInstance(instance, NULL);
+        _exit(0);
+    }
+    while (pid > 0 && waitpid(pid, NULL, 0) < 0 && errno == EINTR)
+        ;
+    return pid > 0;
+}
+
 int gn_command_layer(int argc, char **argv)
 {
     static const struct argp parser = {
@@ -409,7 +439,7 @@ int gn_command_layer(int argc, char **argv)
     struct arguments arguments = {0};
     struct outcome *outcome = NULL;
     FILE *log = NULL;
-    char layer[4200], folder[600], path[700];
+    char layer[4200], folder[600], records[600], path[700];
     int exit_status = 3, status = 0;
     if (argp_parse(&parser, argc, argv, ARGP_IN_ORDER, NULL, &arguments) != 0)
         return 2;
@@ -436,6 +466,11 @@ int gn_command_layer(int argc, char **argv)
     outcome = calloc(1, sizeof *outcome);
     if (!outcome || !make_folder(folder, sizeof folder))
         goto done;
+    if (!make_records_folder(records, sizeof records)) {
+        rmdir(folder);
+        goto done;
+    }
+    setenv(SETTING "RECORDS_FOLDER", records, 1);
     snprintf(path, sizeof path, "%s/%%p.jsonl", folder);
     setenv(SETTING "LOG_FILE", path, 1);
     if (arguments.sarif) {
@@ -444,7 +479,11 @@ int gn_command_layer(int argc, char **argv)
     }
     setenv(SETTING "CRASH_STATEMENT", "true", 0);
     bool started = run_application(arguments.application, &status);
+    bool left = started && tell_left(records);
+    rmdir(records);
     bool collected = collect(folder, arguments.sarif, log, outcome);
+    if (left && outcome->statements)
+        outcome->statements--; /* it is not the application's */
     if (!started)
         exit_status = 2;
     else if (collected)

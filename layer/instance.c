@@ -106,6 +106,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateInstance(const VkInstanceCreateInf
                       "statement_signal: the application handles that signal itself. The layer leaves it alone.");
     for (uint32_t i = 0; i < instance->settings.warning_count; i++)
         gn_report_say(instance, GN_SEVERITY_WARNING, "settings", instance->settings.warnings[i]);
+    gn_left_tell(instance);
     pthread_mutex_lock(&living_lock);
     gn_map_put(&living, (uint64_t)(uintptr_t)instance, instance);
     pthread_mutex_unlock(&living_lock);

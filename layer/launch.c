@@ -57,13 +57,17 @@ void gn_launch_tell(struct gn_device *device, VkCommandBuffer handle, const VkSt
 void gn_launch_executed(struct gn_device *device, uint32_t queue)
 {
     struct gn_shaders *shaders = device->shaders;
-    shaders->launch_unsure |= shaders->launched && shaders->launch_queue != queue;
+    if (shaders->launched && shaders->launch_queue != queue && !shaders->launch_unsure) {
+        shaders->launch_unsure = true;
+        uint32_t *root = atomic_load(&shaders->root);
+        if (root)
+            __atomic_store_n(&root[GN_ROOT_UNSURE], 1, __ATOMIC_RELAXED);
+    }
     shaders->launched = true;
     shaders->launch_queue = queue;
 }
 
-bool gn_launch_unsure(const struct gn_device *device, const struct gn_spirv_site *site, enum gn_spirv_rule_index rule)
+bool gn_launch_matters(const struct gn_spirv_site *site, enum gn_spirv_rule_index rule)
 {
-    return device->shaders->launch_unsure && (rule == GN_SPIRV_RULE_CALL_RANGE || rule == GN_SPIRV_RULE_TRACE_RECURSION) &&
-           !(site->wrong >> rule & 1);
+    return (rule == GN_SPIRV_RULE_CALL_RANGE || rule == GN_SPIRV_RULE_TRACE_RECURSION) && !(site->wrong >> rule & 1);
 }

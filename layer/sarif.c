@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The SARIF document: one run, whose rules are the catalogue. Results are put before the closing brackets, so that the file is whole
+/* The SARIF document: one run, whose rules are those of the layer and of shaders. Results are put before the closing brackets, so that the file is whole
  * after each of them, and stays so when the process is killed. */
 #include "layer/sarif.h"
 
@@ -9,6 +9,7 @@
 #include <stdlib.h>
 
 #include "layer/log.h"
+#include "layer/shader.h"
 
 #define COUNT_DIGITS 20
 
@@ -23,6 +24,15 @@ struct gn_sarif {
 /* Documents of this process. One that was closed stays known, so that a later instance adds to it. */
 static pthread_mutex_t documents_lock = PTHREAD_MUTEX_INITIALIZER;
 static struct gn_sarif *documents;
+
+/* Both catalogues, one after the other; NULL behind the last. */
+static const struct gn_rule *rule_at(size_t index)
+{
+    size_t shaders = gn_rules_count();
+    return index < shaders                         ? gn_rules_at(index)
+           : index - shaders < GN_SPIRV_RULE_COUNT ? gn_shader_rule((enum gn_spirv_rule_index)(index - shaders))
+                                                   : NULL;
+}
 
 static void add_rule(struct gn_text *text, const struct gn_rule *rule, enum gn_profile profile)
 {
@@ -47,9 +57,9 @@ static void add_head(struct gn_text *text, enum gn_profile profile)
                       "\"version\":\"2.1.0\",\"runs\":[{\"tool\":{\"driver\":{\"name\":\"Gnomon\",\"fullName\":\"Gnomon, Vulkan layer, "
                       "profile %s\",\"rules\":[\n",
                 gn_profile_name(profile));
-    for (size_t i = 0; i < gn_rules_count(); i++) {
+    for (size_t i = 0; rule_at(i); i++) {
         gn_text_add(text, "%s", i ? ",\n" : "");
-        add_rule(text, gn_rules_at(i), profile);
+        add_rule(text, rule_at(i), profile);
     }
     gn_text_add(text, "]}},\"results\":[");
 }
@@ -116,7 +126,7 @@ fail:
 static size_t index_of(const struct gn_rule *rule)
 {
     size_t i = 0;
-    while (gn_rules_at(i) != rule)
+    while (rule_at(i) && rule_at(i) != rule)
         i++;
     return i;
 }

@@ -200,6 +200,9 @@ static void apply(struct gn_settings *out, const char *key, const char *const *v
     } else if (strcmp(key, "shader_cache") == 0) {
         free(out->shader_cache);
         out->shader_cache = *value ? strdup(value) : NULL;
+    } else if (strcmp(key, "records_folder") == 0) {
+        free(out->records_folder);
+        out->records_folder = *value ? strdup(value) : NULL;
     } else if (strcmp(key, "safe_mode") == 0) {
         if (!parse_bool(value, &out->safe_mode))
             warn(out, "safe_mode: expected true or false, found \"%s\". The default is used.", value);
@@ -347,6 +350,7 @@ void gn_settings_finish(struct gn_settings *settings)
     free(settings->warnings);
     free(settings->log_file);
     free(settings->shader_cache);
+    free(settings->records_folder);
     free(settings->sarif_file);
     *settings = (struct gn_settings){0};
 }

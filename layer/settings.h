@@ -28,6 +28,7 @@ struct gn_settings {
     struct gn_rule_set rules;
     enum gn_shader_checks shader_checks;
     char *shader_cache; /* NULL: none */
+    char *records_folder; /* NULL: none */
     bool safe_mode;
     uint32_t proceed_limit; /* 0: none */
     uint64_t shader_rules_off; /* a bit per rule about shaders */

@@ -52,7 +52,6 @@ static void shader_free(struct gn_shader *shader)
     if (!shader)
         return;
     gn_spirv_result_finish(&shader->result);
-    free(shader->told);
     free(shader);
 }
 
@@ -146,10 +145,6 @@ static struct gn_shader *shader_make(struct gn_device *device, uint64_t key, con
             gn_shader_cache_store(folder, entry, &shader->result);
     }
     shader->asks_launch = asks_launch(&shader->result);
-    if (shader->result.check_count && !(shader->told = calloc(shader->result.check_count, sizeof *shader->told))) {
-        shader_free(shader);
-        return NULL;
-    }
     return shader;
 }
 

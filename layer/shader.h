@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shaders that check themselves: what a device needs for them (shader_device.c), modules on their way to the driver (shader.c), the
- * pipelines made of them (pipeline.c), the cache on disk (cache.c), what a trace tells them (launch.c), the memory they leave records in (shader_memory.c), and what is told of both (shader_report.c). */
+ * pipelines made of them (pipeline.c), the cache on disk (cache.c), what a trace tells them (launch.c), the memory they leave records in (shader_memory.c), also when the process is killed (left.c), and what is told of both (shader_report.c). */
 #ifndef GN_LAYER_SHADER_H
 #define GN_LAYER_SHADER_H
 
@@ -30,6 +30,8 @@ struct gn_record_memory {
     uint64_t address;
     size_t word_count, used;
     void *mapping; /* the layer's own, imported; NULL: the driver's */
+    bool outlives; /* a file, which the process leaves when it is killed */
+    uint32_t piece; /* its number then */
     struct gn_record_memory *next;
 };
 
@@ -44,7 +46,7 @@ struct gn_shader {
     bool asks_launch;              /* some check needs to know what is launched (launch.c) */
     uint32_t *records;             /* its record buffer as the host sees it; NULL if there are no checks */
     size_t record_words;
-    uint64_t *told;                /* per check: how often it was told */
+    uint64_t *told;                /* per check: how often it was told; lies behind the records */
     bool stated;                   /* it is in the closing statement */
 };
 
@@ -64,6 +66,7 @@ struct gn_shaders {
     bool asks_launch;       /* some shader does */
     bool launched, launch_unsure; /* on launch_queue; and on another one as well, so that what a launch was told may be another's */
     uint32_t launch_queue;
+    struct gn_left *left;   /* NULL: records end with the process */
     uint32_t *_Atomic root;
     atomic_uint fired;      /* of the table, when records were last read */
     atomic_bool again;      /* read once more, whatever the table says */
@@ -128,8 +131,8 @@ void gn_shader_cache_store(const char *folder, uint64_t entry, const struct gn_s
 /* launch.c */
 /* Records what tells shaders about the trace that is recorded next; `callable` is NULL where that is not known. Without any lock. */
 void gn_launch_tell(struct gn_device *device, VkCommandBuffer commands, const VkStridedDeviceAddressRegionKHR *callable);
-/* Whether what a check counted rests on what was told, and that may have been of another launch. With the device locked. */
-bool gn_launch_unsure(const struct gn_device *device, const struct gn_spirv_site *site, enum gn_spirv_rule_index rule);
+/* Whether what a check counts rests on what was told. */
+bool gn_launch_matters(const struct gn_spirv_site *site, enum gn_spirv_rule_index rule);
 
 /* pipeline.c; with the device locked. */
 void gn_pipelines_finish(struct gn_device *device);
@@ -137,11 +140,28 @@ char **gn_pipeline_name(struct gn_device *device, VkObjectType type, uint64_t ha
 
 /* shader_memory.c; with the device locked. */
 bool gn_record_memory_begin(struct gn_device *device);
+/* The words that the records of so many checks take, with what was told of them; 0 if they are too many. */
+size_t gn_record_words(uint32_t checks);
+/* The shader's records are at these words. */
+void gn_record_memory_lay(struct gn_shader *shader, uint32_t *words);
 /* A record buffer for the shader, entered into the table. */
 bool gn_record_memory_take(struct gn_device *device, struct gn_shader *shader);
 /* Words for anything else, and the piece that they are in; NULL without memory. */
 struct gn_record_memory *gn_record_memory_words(struct gn_device *device, size_t words, size_t alignment, uint32_t **out);
 void gn_record_memory_finish(struct gn_device *device);
+
+/* left.c: the records of one device in files. */
+struct gn_left;
+/* NULL without the setting, or when the folder cannot be written, which is said. */
+struct gn_left *gn_left_begin(struct gn_instance *instance);
+/* A file of that size to be mapped, closed by the caller; negative when there is none. */
+int gn_left_piece(struct gn_left *left, size_t bytes, uint32_t *out_number);
+/* The shader's records start at that word of the piece. */
+void gn_left_shader(struct gn_left *left, const struct gn_shader *shader, uint32_t piece, size_t start);
+/* All was told: removes the files. */
+void gn_left_end(struct gn_left *left);
+/* Tells what processes that are gone have left in the instance's folder. */
+void gn_left_tell(struct gn_instance *instance);
 
 /* mirror.c; with the device locked. */
 void gn_mirrors_begin(struct gn_device *device);
@@ -153,6 +173,16 @@ void gn_structure_tell(struct gn_device *device, const struct gn_as *as);
 const struct gn_as *gn_structure_by_id(struct gn_device *device, uint32_t id);
 
 /* shader_report.c */
+/* Whose records are read, and how. */
+struct gn_records_teller {
+    struct gn_instance *instance;
+    struct gn_device *device; /* locked; NULL: gone */
+    const char *remark;       /* of every finding, NULL: none */
+    bool last;                /* there is no later time: what is still on its way is told as it is */
+    bool launch_unsure;       /* what launches were told may have been of others */
+};
+/* False when something was counted that is still on its way. */
+bool gn_shader_collect(const struct gn_records_teller *teller, struct gn_shader *shader, struct gn_findings *out);
 /* Tells what the device has recorded since the last time; cheap if that is nothing. `lost`: the device was, and nothing is certain of it.
  * `last`: there is no later time. Without any lock. */
 void gn_shaders_read(struct gn_device *device, bool lost, bool last);

@@ -2,7 +2,8 @@
 /* The memory that shaders leave records in: a table whose address is part of every instrumented module, and a record buffer per shader,
  * both host-visible and coherent, so that what a lost device left can still be read.
  *
- * A module is the same in every run only if that address is. Where the device can import memory of the host and sees it at the
+ * The memory is a file where it is to outlive the process (left.c), else memory of the host, so that it can be read after the driver is gone, else the
+ * driver's. A module is the same in every run only if the table's address is. Where the device can import memory of the host and sees it at the
  * host's own address, the layer takes a fixed one; elsewhere the address is whatever the driver says, drivers cache such modules in vain, and the
  * closing statement says so. */
 #include "layer/shader.h"
@@ -10,6 +11,7 @@
 #include <stdlib.h>
 #include <string.h>
 #include <sys/mman.h>
+#include <unistd.h>
 
 #define TABLE_CAPACITY 16384u
 #define PIECE_BYTES ((size_t)8 << 20)
@@ -25,18 +27,21 @@ static const uintptr_t bases[] = {UINT64_C(0x4700000000), UINT64_C(0x2A000000000
 #define MAP_FIXED_NOREPLACE 0x100000
 #endif
 
-static void *map_somewhere_fixed(size_t size)
+/* Of the file, or of none if it is negative. NULL when there is no room. */
+static void *map_somewhere_fixed(size_t size, int file)
 {
+    const int flags = file < 0 ? MAP_PRIVATE | MAP_ANONYMOUS : MAP_SHARED;
     for (size_t b = 0; b < sizeof bases / sizeof bases[0]; b++)
         for (uintptr_t i = 0; i < PLACES; i++) {
             void *wanted = (void *)(bases[b] + i * STRIDE); // NOLINT: an address of our choice
-            void *got = mmap(wanted, size, PROT_READ | PROT_WRITE, MAP_PRIVATE | MAP_ANONYMOUS | MAP_FIXED_NOREPLACE, -1, 0);
+            void *got = mmap(wanted, size, PROT_READ | PROT_WRITE, flags | MAP_FIXED_NOREPLACE, file, 0);
             if (got == wanted)
                 return got;
             if (got != MAP_FAILED)
                 munmap(got, size);
         }
-    return NULL;
+    void *anywhere = mmap(NULL, size, PROT_READ | PROT_WRITE, flags, file, 0);
+    return anywhere != MAP_FAILED ? anywhere : NULL;
 }
 
 static uint32_t memory_type(const struct gn_device *device, uint32_t allowed)
@@ -61,16 +66,31 @@ static void memory_free(struct gn_device *device, struct gn_record_memory *memor
     free(memory);
 }
 
-/* `import`: memory of the host at an address of our choice. */
-static struct gn_record_memory *memory_create(struct gn_device *device, size_t bytes, bool import)
+/* Where a piece of memory is from. */
+enum origin { FROM_FILE, FROM_HOST, FROM_DRIVER };
+
+static bool map_own(struct gn_device *device, struct gn_record_memory *memory, size_t bytes, enum origin origin)
 {
+    int file = origin == FROM_FILE ? gn_left_piece(device->shaders->left, bytes, &memory->piece) : -1;
+    if (origin == FROM_FILE && file < 0)
+        return false;
+    memory->outlives = origin == FROM_FILE;
+    memory->mapping = map_somewhere_fixed(bytes, file);
+    if (file >= 0)
+        close(file);
+    return memory->mapping != NULL;
+}
+
+static struct gn_record_memory *memory_create(struct gn_device *device, size_t bytes, enum origin origin)
+{
+    const bool import = origin != FROM_DRIVER;
     const VkExternalMemoryHandleTypeFlagBits of_host = VK_EXTERNAL_MEMORY_HANDLE_TYPE_HOST_ALLOCATION_BIT_EXT;
     struct gn_record_memory *memory = calloc(1, sizeof *memory);
     void *mapped = NULL;
     if (!memory)
         return NULL;
     memory->word_count = bytes / 4;
-    if (import && !(memory->mapping = map_somewhere_fixed(bytes)))
+    if (import && !map_own(device, memory, bytes, origin))
         goto fail;
     VkExternalMemoryBufferCreateInfo external = {.sType = VK_STRUCTURE_TYPE_EXTERNAL_MEMORY_BUFFER_CREATE_INFO,
                                                  .handleTypes = of_host};
@@ -111,9 +131,8 @@ static struct gn_record_memory *memory_create(struct gn_device *device, size_t b
     memory->words = import ? memory->mapping : mapped;
     VkBufferDeviceAddressInfo address = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = memory->buffer};
     memory->address = device->next.GetBufferDeviceAddress(device->handle, &address);
-    if (!memory->address || (import && memory->address != (uint64_t)(uintptr_t)memory->mapping))
-        goto fail;
-    return memory;
+    if (memory->address)
+        return memory;
 fail:
     memory_free(device, memory);
     return NULL;
@@ -123,11 +142,13 @@ fail:
 static bool memory_add(struct gn_device *device, size_t bytes)
 {
     struct gn_shaders *shaders = device->shaders;
-    struct gn_record_memory *memory = shaders->host_memory ? memory_create(device, bytes, true) : NULL;
-    if (!shaders->memory)
-        shaders->stable = memory != NULL;
-    if (!memory && !(memory = memory_create(device, bytes, false)))
+    struct gn_record_memory *memory = shaders->left && shaders->host_memory ? memory_create(device, bytes, FROM_FILE) : NULL;
+    if (!memory && shaders->host_memory)
+        memory = memory_create(device, bytes, FROM_HOST);
+    if (!memory && !(memory = memory_create(device, bytes, FROM_DRIVER)))
         return false;
+    if (!shaders->memory)
+        shaders->stable = memory->mapping && memory->address == (uint64_t)(uintptr_t)memory->mapping;
     memory->next = shaders->memory;
     shaders->memory = memory;
     return true;
@@ -140,6 +161,7 @@ bool gn_record_memory_begin(struct gn_device *device)
         return true;
     if (shaders->no_records)
         return false;
+    shaders->left = gn_left_begin(device->instance);
     /* At a depth of 1 there is nothing to count. */
     size_t depths = device->ray_limits.maxRayRecursionDepth > 1 ? DEPTHS : 0;
     if (!device->next.GetBufferDeviceAddress || !memory_add(device, PIECE_BYTES + depths * 4)) {
@@ -175,17 +197,38 @@ struct gn_record_memory *gn_record_memory_words(struct gn_device *device, size_t
     return memory;
 }
 
+static size_t told_at(uint32_t checks)
+{
+    return ((size_t)gn_records_word_count(checks) + 1) & ~(size_t)1;
+}
+
+size_t gn_record_words(uint32_t checks)
+{
+    return gn_records_word_count(checks) ? told_at(checks) + 2 * (size_t)checks : 0;
+}
+
+void gn_record_memory_lay(struct gn_shader *shader, uint32_t *words)
+{
+    shader->records = words;
+    shader->record_words = gn_records_word_count(shader->result.check_count);
+    shader->told = (uint64_t *)(void *)(words + told_at(shader->result.check_count));
+}
+
 bool gn_record_memory_take(struct gn_device *device, struct gn_shader *shader)
 {
-    uint32_t *records, words = gn_records_word_count(shader->result.check_count);
+    struct gn_shaders *shaders = device->shaders;
+    uint32_t *records, checks = shader->result.check_count;
+    size_t words = gn_record_words(checks);
     struct gn_record_memory *memory = words ? gn_record_memory_words(device, words, 4, &records) : NULL;
     if (!memory)
         return false;
-    gn_records_reset(records, shader->result.check_count);
-    if (!gn_root_enter(atomic_load(&device->shaders->root), shader->key, memory->address + (uint64_t)(records - memory->words) * 4))
+    memset(records, 0, words * 4);
+    gn_records_reset(records, checks);
+    if (!gn_root_enter(atomic_load(&shaders->root), shader->key, memory->address + (uint64_t)(records - memory->words) * 4))
         return false;
-    shader->records = records;
-    shader->record_words = words;
+    gn_record_memory_lay(shader, records);
+    if (memory->outlives && shaders->left)
+        gn_left_shader(shaders->left, shader, memory->piece, (size_t)(records - memory->words));
     return true;
 }
 
@@ -196,4 +239,6 @@ void gn_record_memory_finish(struct gn_device *device)
         memory_free(device, memory);
     }
     device->shaders->memory = NULL;
+    gn_left_end(device->shaders->left);
+    device->shaders->left = NULL;
 }

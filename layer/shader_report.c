@@ -32,12 +32,14 @@ const struct gn_rule *gn_shader_rule(enum gn_spirv_rule_index index)
     return &rules[index];
 }
 
-/* The pipelines of a shader, and its modules; with the device locked. */
+/* The pipelines of a shader, and its modules; with the device locked, none if it is gone. */
 static uint32_t find_objects(struct gn_device *device, const struct gn_shader *shader, struct gn_object *out, uint32_t room)
 {
     uint32_t count = 0;
     const struct gn_pipeline *pipeline;
     const struct gn_module *module;
+    if (!device)
+        return 0;
     for (size_t cursor = 0; count + 1 < room && (pipeline = gn_map_next(&device->shaders->pipelines, &cursor));)
         for (uint32_t i = 0; i < pipeline->stage_count; i++)
             if (pipeline->stages[i].shader == shader) {
@@ -134,19 +136,19 @@ static uint64_t site_key(const struct gn_shader *shader, uint32_t site, uint32_t
     return key;
 }
 
-static void tell(struct gn_device *device, const struct gn_shader *shader, uint32_t site, uint32_t rule, bool ran,
+static void tell(const struct gn_records_teller *teller, const struct gn_shader *shader, uint32_t site, uint32_t rule, bool ran,
                  enum gn_severity severity, uint64_t times, const struct gn_text *text, struct gn_findings *out)
 {
     struct gn_finding finding = {.rule = gn_shader_rule((enum gn_spirv_rule_index)rule), .severity = severity};
     finding.message = text->failed ? finding.rule->title : text->data;
-    finding.object_count = find_objects(device, shader, finding.objects, GN_FINDING_MAX_OBJECTS);
-    gn_report_found(device->instance, &finding, site_key(shader, site, rule, ran), times, out);
+    finding.object_count = find_objects(teller->device, shader, finding.objects, GN_FINDING_MAX_OBJECTS);
+    gn_report_found(teller->instance, &finding, site_key(shader, site, rule, ran), times, out);
 }
 
 /* The structure that a record speaks of; with the device locked. */
 static void add_structure(struct gn_device *device, struct gn_text *text, uint32_t rule, const uint32_t operands[4])
 {
-    const struct gn_as *as = gn_structure_by_id(device, operands[3]);
+    const struct gn_as *as = device ? gn_structure_by_id(device, operands[3]) : NULL;
     char name[256];
     struct gn_object object = {as ? as->kind : GN_OBJECT_NONE, as ? (uint64_t)as->handle : 0, as ? as->name : NULL};
     if (rule != GN_SPIRV_RULE_STRUCTURE_NO_POSITIONS)
@@ -157,9 +159,8 @@ static void add_structure(struct gn_device *device, struct gn_text *text, uint32
         gn_text_add(text, ": %s", gn_object_describe(&object, name, sizeof name));
 }
 
-/* With the device locked. */
-static void tell_check(struct gn_device *device, struct gn_shader *shader, uint32_t check, const struct gn_records_check *found,
-                       bool lost, struct gn_findings *out)
+static void tell_check(const struct gn_records_teller *teller, struct gn_shader *shader, uint32_t check,
+                       const struct gn_records_check *found, struct gn_findings *out)
 {
     uint32_t site_index;
     enum gn_spirv_rule_index rule;
@@ -168,15 +169,15 @@ static void tell_check(struct gn_device *device, struct gn_shader *shader, uint3
     if (!gn_spirv_check_find(&shader->result, check, &site_index, &rule))
         return;
     const struct gn_spirv_site *site = &shader->result.sites[site_index];
-    if (gn_launch_unsure(device, site, rule)) {
-        gn_tally_unjudged(device, GN_UNJUDGED_launches, found->count - shader->told[check]);
+    if (teller->launch_unsure && gn_launch_matters(site, rule)) {
+        atomic_fetch_add(&teller->instance->tally.unjudged[GN_UNJUDGED_launches], found->count - shader->told[check]);
         shader->told[check] = found->count;
         return;
     }
     add_subject(&text, site);
     gn_text_add(&text, ": %s, at ", gn_shader_rule(rule)->title);
     add_place(&text, &site->place);
-    add_objects(&text, objects, find_objects(device, shader, objects, GN_FINDING_MAX_OBJECTS));
+    add_objects(&text, objects, find_objects(teller->device, shader, objects, GN_FINDING_MAX_OBJECTS));
     gn_text_add(&text, ".");
     if (site->place.source)
         gn_text_add(&text, " The line: %s", site->place.source);
@@ -186,22 +187,21 @@ static void tell_check(struct gn_device *device, struct gn_shader *shader, uint3
         gn_text_add(&text, "%sFirst in ", site->place.source ? "\n" : " ");
         add_invocation(&text, shader->model, found->records[r].invocation);
         if (UINT64_C(1) << rule & OF_STRUCTURES)
-            add_structure(device, &text, rule, found->records[r].operands + (strstr(site->operation, "Initialize") ? 0 : 6));
+            add_structure(teller->device, &text, rule, found->records[r].operands + (strstr(site->operation, "Initialize") ? 0 : 6));
         else
             add_operands(&text, site->operation, rule, found->records[r].operands);
         gn_text_add(&text, ".");
         break;
     }
-    if (lost)
-        gn_text_add(&text, " Unverified: the device was lost, and this is what its memory held then.");
-    enum gn_severity severity = gn_shader_rule(rule)->severity[device->instance->settings.profile];
-    tell(device, shader, site_index, rule, true, severity, found->count - shader->told[check], &text, out);
+    if (teller->remark)
+        gn_text_add(&text, " %s", teller->remark);
+    enum gn_severity severity = gn_shader_rule(rule)->severity[teller->instance->settings.profile];
+    tell(teller, shader, site_index, rule, true, severity, found->count - shader->told[check], &text, out);
     shader->told[check] = found->count;
     gn_text_finish(&text);
 }
 
-/* Whether everything that was counted could be told. */
-static bool collect_shader(struct gn_device *device, struct gn_shader *shader, bool lost, bool last, struct gn_findings *out)
+bool gn_shader_collect(const struct gn_records_teller *teller, struct gn_shader *shader, struct gn_findings *out)
 {
     bool all = true;
     for (uint32_t check = 0; shader->records && check < shader->result.check_count; check++) {
@@ -209,11 +209,11 @@ static bool collect_shader(struct gn_device *device, struct gn_shader *shader, b
         if (!gn_records_read(shader->records, shader->record_words, check, &found) || found.count <= shader->told[check])
             continue;
         /* The first record may still be on its way. */
-        if (!lost && !last && !shader->told[check] && !found.records[0].intact) {
+        if (!teller->last && !shader->told[check] && !found.records[0].intact) {
             all = false;
             continue;
         }
-        tell_check(device, shader, check, &found, lost, out);
+        tell_check(teller, shader, check, &found, out);
     }
     return all;
 }
@@ -234,8 +234,14 @@ void gn_shaders_read(struct gn_device *device, bool lost, bool last)
     gn_findings_init(&findings);
     gn_lock(device);
     bool all = true;
+    const struct gn_records_teller teller = {
+        .instance = device->instance,
+        .device = device,
+        .remark = lost ? "Unverified: the device was lost, and this is what its memory held then." : NULL,
+        .last = lost || last,
+        .launch_unsure = shaders->launch_unsure};
     for (size_t cursor = 0; (shader = gn_map_next(&shaders->shaders, &cursor));)
-        all &= collect_shader(device, shader, lost, last, &findings);
+        all &= gn_shader_collect(&teller, shader, &findings);
     atomic_store_explicit(&shaders->again, !all || fired != atomic_load(&shaders->fired), memory_order_relaxed);
     atomic_store_explicit(&shaders->fired, fired, memory_order_relaxed);
     if (last) {
@@ -258,6 +264,8 @@ void gn_shaders_read_left(struct gn_device *device)
         gn_shader_state(device, pipeline);
     pthread_mutex_unlock(&device->lock);
     gn_shaders_read(device, false, true);
+    gn_left_end(device->shaders->left);
+    device->shaders->left = NULL;
 }
 
 static bool found_before(const struct gn_shader *judged, const struct gn_spirv_finding *finding)
@@ -274,6 +282,7 @@ void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *sha
     struct gn_findings findings;
     if (!shader->result.finding_count)
         return;
+    const struct gn_records_teller teller = {.instance = device->instance, .device = device};
     gn_findings_init(&findings);
     gn_lock(device);
     for (uint32_t f = 0; f < shader->result.finding_count; f++) {
@@ -289,7 +298,7 @@ void gn_shader_tell_static(struct gn_device *device, const struct gn_shader *sha
         gn_text_add(&text, ". Found in the shader before it ran.");
         if (site->place.source)
             gn_text_add(&text, " The line: %s", site->place.source);
-        tell(device, shader, finding->site, finding->rule, false, severity, 1, &text, &findings);
+        tell(&teller, shader, finding->site, finding->rule, false, severity, 1, &text, &findings);
         gn_text_finish(&text);
     }
     gn_unlock(device);

@@ -60,6 +60,7 @@ enum gn_launch_word {
 enum gn_root_word {
     GN_ROOT_CAPACITY, /* entries, a power of two; written by the host before use */
     GN_ROOT_FIRED,    /* how often anything was reported, modulo 2^32 */
+    GN_ROOT_UNSURE = 6,/* for the host alone: not 0 when what it said of one launch may have reached another */
     GN_ROOT_EMPTY = 8,/* the header of a buffer without room, for modules without an entry; its second word counts them */
 };
 #define GN_ROOT_HEADER 16

@@ -363,7 +363,7 @@ static void draw(VkCommandBuffer commands, struct asker *asker)
     vkCmdCopyImageToBuffer(commands, asker->image, VK_IMAGE_LAYOUT_TRANSFER_SRC_OPTIMAL, asker->out.handle, 1, &copy);
 }
 
-void asker_run(struct world *world, struct asker *asker, uint32_t wrong)
+VkCommandBuffer asker_record(struct world *world, struct asker *asker, uint32_t wrong)
 {
     static const VkPipelineBindPoint points[] = {VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_GRAPHICS,
                                                  VK_PIPELINE_BIND_POINT_GRAPHICS, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR,
@@ -389,6 +389,12 @@ void asker_run(struct world *world, struct asker *asker, uint32_t wrong)
     }
     commands_barrier(commands);
     commands_end(commands);
+    return commands;
+}
+
+void asker_run(struct world *world, struct asker *asker, uint32_t wrong)
+{
+    VkCommandBuffer commands = asker_record(world, asker, wrong);
     submit_and_wait(world, commands);
     vkFreeCommandBuffers(world->device, world->pool, 1, &commands);
 }

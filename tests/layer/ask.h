@@ -44,6 +44,8 @@ void asker_destroy(struct world *world, struct asker *asker);
 /* Writes a descriptor of the array, or of the only one; its handle may be VK_NULL_HANDLE. */
 void asker_refer(struct world *world, struct asker *asker, uint32_t element, VkAccelerationStructureKHR tlas);
 void asker_name(struct world *world, const struct asker *asker, const char *module, const char *pipeline);
+/* What runs it once. */
+VkCommandBuffer asker_record(struct world *world, struct asker *asker, uint32_t wrong);
 /* Runs it once, to the end. */
 void asker_run(struct world *world, struct asker *asker, uint32_t wrong);
 

@@ -380,12 +380,13 @@ static void several_queues(void **state)
     const struct gn_spirv_site proved = {.wrong = UINT64_C(1) << GN_SPIRV_RULE_TRACE_RECURSION}, open = {.wrong = 0};
     gn_launch_executed(&device, 1);
     gn_launch_executed(&device, 1);
-    assert_false(gn_launch_unsure(&device, &open, GN_SPIRV_RULE_CALL_RANGE));
+    assert_false(shaders.launch_unsure);
     gn_launch_executed(&device, 2);
-    assert_true(gn_launch_unsure(&device, &open, GN_SPIRV_RULE_CALL_RANGE));
-    assert_true(gn_launch_unsure(&device, &open, GN_SPIRV_RULE_TRACE_RECURSION));
-    assert_false(gn_launch_unsure(&device, &proved, GN_SPIRV_RULE_TRACE_RECURSION));
-    assert_false(gn_launch_unsure(&device, &open, GN_SPIRV_RULE_TRACE_NAN));
+    assert_true(shaders.launch_unsure);
+    assert_true(gn_launch_matters(&open, GN_SPIRV_RULE_CALL_RANGE));
+    assert_true(gn_launch_matters(&open, GN_SPIRV_RULE_TRACE_RECURSION));
+    assert_false(gn_launch_matters(&proved, GN_SPIRV_RULE_TRACE_RECURSION));
+    assert_false(gn_launch_matters(&open, GN_SPIRV_RULE_TRACE_NAN));
 }
 
 int main(void)

@@ -1,9 +1,11 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Shaders under the layer: in every stage and by every way that one takes to the driver, a mistake is told where it happened, a correct
  * run tells nothing, and what is computed stays the same. */
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <sys/wait.h>
 #include <unistd.h>
 
@@ -356,6 +358,77 @@ static void left_behind(void **state)
     unlink(path);
 }
 
+/* Traces, and is killed before anybody could read what came of it. The setting is in `folder`, or in the environment. */
+static void be_killed(const char *folder, uint32_t wrong)
+{
+    static struct world world;
+    VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "records_folder", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, &folder};
+    ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = folder ? 1 : 0});
+    struct scene scene = scene_create(&world, 1);
+    struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, 1);
+    VkCommandBuffer commands = asker_record(&world, &asker, wrong);
+    submit(&world, commands, VK_NULL_HANDLE);
+    const volatile float *out = asker.out.mapped;
+    /* A lane that does wrong may leave anything. */
+    while (out[0] == 0 || out[ASK_LANES - 1] == 0)
+        usleep(1000);
+    usleep(100000);
+    kill(getpid(), SIGKILL);
+}
+
+/* A byte of a file in the only folder of `folder`. */
+static void damage(const char *folder, const char *file)
+{
+    char command[256];
+    snprintf(command, sizeof command, "printf x | dd of=\"$(ls -d '%s'/*/%s)\" bs=1 seek=12 conv=notrunc 2>/dev/null", folder, file);
+    assert_int_equal(system(command), 0);
+}
+
+/* A process that was killed leaves its records to the next that has the folder; damage there is no harm. */
+static void killed(void **state)
+{
+    static const struct {
+        uint32_t wrong;
+        const char *damaged; /* NULL: nothing */
+        uint32_t told;
+    } table[] = {{1, NULL, 1}, {0, NULL, 0}, {1, "index", 0}, {1, "gnomon-shader-*", 0}};
+    char folder[64] = "/tmp/gnomon-killed-XXXXXX", path[128], remark[64];
+    const char *folders[] = {folder}, *paths[] = {path};
+    VkLayerSettingEXT settings[] = {{"VK_LAYER_GNOMON_ray_tracing", "records_folder", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, folders},
+                                    {"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths}};
+    (void)state;
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s.jsonl", folder);
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        int status;
+        pid_t child = fork();
+        assert_true(child >= 0);
+        if (child == 0) {
+            alarm(60);
+            be_killed(folder, table[i].wrong);
+        }
+        assert_int_equal(waitpid(child, &status, 0), child);
+        assert_true(WIFSIGNALED(status) && WTERMSIG(status) == SIGKILL);
+        if (table[i].damaged)
+            damage(folder, table[i].damaged);
+        struct world world;
+        world_init(&world, &(struct world_options){.settings = settings, .setting_count = 2});
+        world_finish(&world);
+        char *log = file_read(path);
+        uint64_t told;
+        snprintf(remark, sizeof remark, "Left by process %ld,", (long)child);
+        yyjson_doc_free(log_read(path, AFTER_FALSE, &told));
+        assert_int_equal(told, table[i].told);
+        assert_true(!told || (strstr(log, "asks.glsl:13") && strstr(log, "invocation (5, 0, 0)") && strstr(log, remark)));
+        free(log);
+        unlink(path);
+        /* Nothing is left there, whatever it was. */
+        assert_int_equal(rmdir(folder), 0);
+        assert_int_equal(mkdir(folder, 0700), 0);
+    }
+    assert_int_equal(rmdir(folder), 0);
+}
+
 static void proceed_limit(void **state)
 {
     static const struct {
@@ -443,8 +516,10 @@ static void structures(void **state)
     assert_int_equal(failures, 0);
 }
 
-int main(void)
+int main(int argc, char **argv)
 {
+    if (argc == 2 && strncmp(argv[1], "killed-", 7) == 0)
+        be_killed(NULL, strcmp(argv[1], "killed-wrong") == 0);
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(every_way),
         cmocka_unit_test(specialized_operands),
@@ -453,6 +528,7 @@ int main(void)
         cmocka_unit_test(structures),
         cmocka_unit_test(cache),
         cmocka_unit_test(left_behind),
+        cmocka_unit_test(killed),
         cmocka_unit_test(proceed_limit),
     };
     return cmocka_run_group_tests_name("layer.shaders", tests, NULL, NULL);
