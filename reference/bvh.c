@@ -1,6 +1,6 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /*
- * The tree over the flattened scene. Embree's builder only proposes which primitives belong together; the nodes,
+ * The trees over triangles, boxes and instances. Embree's builder only proposes which primitives belong together; the nodes,
  * their bounds (computed here, from the primitives up) and the check that every primitive is in exactly one leaf are
  * ours, so nothing that Embree rounds, clamps or drops can lose a hit.
  */
@@ -75,7 +75,8 @@ struct builder {
     struct gn_ref_bvh *bvh;
     const struct gn_ref_bvh_input *input;
     double quantum[3]; /* what every stored bound is a multiple of */
-    double size, whole_area; /* of the scene's box */
+    double size, whole_area; /* of the whole box */
+    bool centred; /* bounds are relative to a centre */
     bool *seen;
     char *error;
     size_t error_size;
@@ -138,9 +139,16 @@ static void vertex_extend(const struct builder *builder, struct gn_ref_bounds *b
 /* Bounds of a primitive as nodes store them. */
 static struct gn_ref_bounds primitive_bounds(const struct builder *builder, uint32_t index)
 {
-    if (!builder->input->triangles)
-        return builder->input->bounds[index];
     struct gn_ref_bounds bounds = nothing;
+    if (!builder->input->triangles) {
+        bounds = builder->input->bounds[index];
+        for (int axis = 0; builder->centred && axis < 3; axis++) {
+            double centre = builder->bvh->centre[axis], quantum = builder->quantum[axis];
+            bounds.lower[axis] = relative_down(bounds.lower[axis], 0, centre, quantum);
+            bounds.upper[axis] = -relative_down(-bounds.upper[axis], 0, -centre, quantum);
+        }
+        return bounds;
+    }
     for (int v = 0; v < 3; v++)
         vertex_extend(builder, &bounds, &builder->input->triangles[index][v]);
     return bounds;
@@ -221,7 +229,7 @@ static bool proposal_price(struct builder *builder, struct proposal *p, uint32_t
     }
     float area = relative_area(builder, out_bounds);
     price->whole = area + price->parts[GN_REF_NODE_WIDTH];
-    price->is_leaf = p->primitive_count <= GN_REF_NODE_WIDTH && LEAF_COST * area <= price->whole;
+    price->is_leaf = p->primitive_count <= GN_REF_NODE_WIDTH && LEAF_COST * area <= price->whole && !builder->input->instances;
     if (price->is_leaf)
         price->whole = LEAF_COST * area;
     *out_leaf_cost = price->whole;
@@ -349,7 +357,8 @@ static void leaf_f32_set(struct builder *builder, struct gn_ref_leaf_f32 *leaf, 
         leaf->extent[axis] = extent_up(ldexp(half[axis], -exponent));
     for (uint32_t l = 0; l < count; l++) {
         leaf->fine |= triangle_is_fine(builder, ids[l]);
-        leaf->primitive[l] = builder->input->primitives[ids[l]];
+        leaf->geometry[l] = builder->input->primitives[ids[l]].geometry;
+        leaf->primitive[l] = builder->input->primitives[ids[l]].primitive;
     }
     builder->bvh->triangle_count += count;
 }
@@ -390,7 +399,8 @@ static void leaf_i16_set(struct builder *builder, struct gn_ref_leaf_i16 *leaf, 
     for (uint32_t l = 0; l < count; l++) {
         struct gn_ref_triangle_f64 *record = &builder->bvh->triangles[builder->bvh->triangle_count++];
         const struct gn_ref_vertex *corners = builder->input->triangles[ids[l]];
-        record->primitive = builder->input->primitives[ids[l]];
+        record->geometry = builder->input->primitives[ids[l]].geometry;
+        record->primitive = builder->input->primitives[ids[l]].primitive;
         record->error = fmax(corners[0].error, fmax(corners[1].error, corners[2].error));
         for (int v = 0; v < 3; v++)
             memcpy(record->w[v], corners[v].w, sizeof record->w[v]);
@@ -407,12 +417,12 @@ static uint32_t leaf_emit(struct builder *builder, const struct proposal *p, str
         bounds_extend(out_bounds, &bounds);
     }
     for (uint32_t l = 0; bvh->boxes && l < GN_REF_NODE_WIDTH; l++)
-        bvh->boxes[index][l] = l < count ? builder->input->first_id + ids[l] : GN_REF_NONE;
+        bvh->boxes[index][l] = l < count ? ids[l] : GN_REF_NONE;
     if (bvh->leaves_f32)
         leaf_f32_set(builder, &bvh->leaves_f32[index], ids, count);
     else if (bvh->leaves_i16)
         leaf_i16_set(builder, &bvh->leaves_i16[index], ids, count);
-    return index | GN_REF_LEAF_BIT;
+    return (builder->input->instances ? builder->input->instances[ids[0]] : index) | GN_REF_LEAF_BIT;
 }
 
 static uint32_t node_emit(struct builder *builder, const struct proposal *p, struct gn_ref_bounds *out_bounds);
@@ -465,9 +475,10 @@ static void centre_choose(struct builder *builder)
         double lower = all.lower[axis], upper = all.upper[axis];
         int size_exponent, exponent;
         bvh->centre[axis] = builder->quantum[axis] = 0;
-        if (!builder->input->triangles || !(fabs(lower) <= 0x1p90) || !(fabs(upper) <= 0x1p90) || !(size >= 0x1p-80) ||
+        if (!(fabs(lower) <= 0x1p90) || !(fabs(upper) <= 0x1p90) || !(size >= 0x1p-80) ||
             !(size <= 0x1p91))
             continue;
+        builder->centred = true;
         frexp(size, &size_exponent);
         double step = ldexp(1, size_exponent - 20);
         double centre = (float)(rint((lower + (upper - lower) / 2) / step) * step);
@@ -525,12 +536,27 @@ static void *allocate(struct builder *builder, uint64_t count, size_t size)
     return memory;
 }
 
-bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, char *error, size_t error_size)
+struct RTCDeviceTy *gn_ref_bvh_device_create(char *error, size_t error_size)
+{
+    /* One thread: the tree is the same everywhere, and nothing runs on when a process forks. */
+    RTCDevice device = rtcNewDevice("threads=1,verbose=0");
+    if (!device)
+        snprintf(error, error_size, "Embree gives no device (error %d)", (int)rtcGetDeviceError(NULL));
+    return device;
+}
+
+void gn_ref_bvh_device_release(struct RTCDeviceTy *device)
+{
+    if (device)
+        rtcReleaseDevice(device);
+}
+
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, struct RTCDeviceTy *device, char *error,
+                      size_t error_size)
 {
     *out = (struct gn_ref_bvh){0};
     struct builder builder = {.bvh = out, .input = input, .error = error, .error_size = error_size};
     uint32_t count = input->count;
-    RTCDevice device = NULL;
     RTCBVH memory = NULL;
     struct RTCBuildPrimitive *primitives = NULL;
     bool done = false;
@@ -539,12 +565,7 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
         return true;
     centre_choose(&builder);
 
-    /* One thread: the tree is the same everywhere, and nothing runs on when a process forks. */
-    device = rtcNewDevice("threads=1,verbose=0");
-    if (!device) {
-        fail(&builder, "Embree gives no device (error %d)", (int)rtcGetDeviceError(NULL));
-        goto out;
-    }
+    struct proposal few = {.primitive_count = count}, *root = &few;
     memory = rtcNewBVH(device);
     primitives = allocate(&builder, count, sizeof *primitives);
     builder.seen = calloc(count, sizeof *builder.seen);
@@ -552,7 +573,10 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
         fail(&builder, "out of memory before the tree over %u primitives is built", count);
         goto out;
     }
-    for (uint32_t i = 0; i < count; i++) {
+    const uint32_t most_in_leaf = input->instances ? 1 : PROPOSAL_LEAF;
+    for (uint32_t i = 0; i < count && count <= most_in_leaf; i++)
+        few.ids[i] = i;
+    for (uint32_t i = 0; i < count && count > most_in_leaf; i++) {
         struct gn_ref_bounds b = primitive_bounds(&builder, i);
         primitives[i] = (struct RTCBuildPrimitive){
             .lower_x = moderate(b.lower[0]), .lower_y = moderate(b.lower[1]), .lower_z = moderate(b.lower[2]),
@@ -565,8 +589,7 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
     arguments.maxBranchingFactor = 2;
     arguments.maxDepth = GN_REF_MAX_DEPTH - 34; /* the builder halves what is left then, up to 2^30 of it */
     arguments.sahBlockSize = 1;
-    arguments.minLeafSize = PROPOSAL_LEAF;
-    arguments.maxLeafSize = PROPOSAL_LEAF;
+    arguments.minLeafSize = arguments.maxLeafSize = most_in_leaf;
     arguments.bvh = memory;
     arguments.primitives = primitives;
     arguments.primitiveCount = count;
@@ -575,7 +598,8 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
     arguments.setNodeChildren = node_set_children;
     arguments.setNodeBounds = node_set_bounds;
     arguments.createLeaf = leaf_create;
-    struct proposal *root = rtcBuildBVH(&arguments);
+    if (count > most_in_leaf)
+        root = rtcBuildBVH(&arguments);
     enum RTCError code = rtcGetDeviceError(device);
     if (!root || code != RTC_ERROR_NONE) {
         fail(&builder, "Embree's builder failed with error %d over %u primitives", (int)code, count);
@@ -606,7 +630,9 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
     bool lone_leaf = proposal_is_leaf(root);
     out->nodes = allocate(&builder, counts[0] + lone_leaf, sizeof *out->nodes);
     bool allocated;
-    if (!input->triangles)
+    if (input->instances)
+        allocated = true;
+    else if (!input->triangles)
         allocated = (out->boxes = allocate(&builder, counts[1], sizeof *out->boxes));
     else if (f32)
         allocated = (out->leaves_f32 = allocate(&builder, counts[1], sizeof *out->leaves_f32));
@@ -625,8 +651,6 @@ out:
     free(builder.seen);
     if (memory)
         rtcReleaseBVH(memory);
-    if (device)
-        rtcReleaseDevice(device);
     if (!done)
         gn_ref_bvh_finish(out);
     return done;
@@ -644,7 +668,10 @@ void gn_ref_bvh_finish(struct gn_ref_bvh *bvh)
 
 uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh)
 {
-    size_t leaf = bvh->boxes ? sizeof *bvh->boxes : bvh->leaves_f32 ? sizeof *bvh->leaves_f32 : sizeof *bvh->leaves_i16;
+    size_t leaf = bvh->boxes        ? sizeof *bvh->boxes
+                  : bvh->leaves_f32 ? sizeof *bvh->leaves_f32
+                  : bvh->leaves_i16 ? sizeof *bvh->leaves_i16
+                                    : 0;
     return (uint64_t)bvh->node_count * sizeof *bvh->nodes + (uint64_t)bvh->leaf_count * leaf +
            (bvh->triangles ? (uint64_t)bvh->triangle_count * sizeof *bvh->triangles : 0);
 }

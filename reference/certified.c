@@ -7,7 +7,7 @@
 #include <stdlib.h>
 #include <string.h>
 
-/* Trees up to this stay in the second-level cache of today's processors. */
+/* Scenes up to this stay in the second-level cache of today's processors. */
 #define FITS_CACHE_BYTES (UINT64_C(3) << 19)
 /* Below this, one ray after the other is as fast as many in flight, or faster. */
 #define FLY_BYTES (UINT64_C(1) << 19)
@@ -81,7 +81,6 @@ static const struct kernel *kernel_choose(void)
 static void take(const struct gn_ref_certified *call, struct gn_ref_flight *flight,
                  const struct gn_ref_candidate *candidate)
 {
-    __builtin_prefetch(gn_ref_scene_primitive(call->scene, candidate->id));
     flight->best = *candidate;
     if (call->any) {
         flight->depth = 0;
@@ -112,14 +111,15 @@ static struct gn_ref_trace *slow_stage(struct gn_ref_certified *call, struct gn_
     slow->integers_ready = false;
     gn_ref_ray_prepare(&slow->setup, flight->ray);
     call->slow_setup = slow->setup;
-    call->slow_setup.depth = flight->sign;
+    call->slow_setup.depth = flight->frames[0].sign;
     return slow;
 }
 
-/* False when they are not known exactly. */
-static bool corners_of(const struct gn_ref_bvh *bvh, uint32_t id, double out[3][3])
+/* In the tree's space. False when they are not known exactly. */
+static bool corners_of(const struct gn_ref_scene *scene, uint64_t id, double out[3][3])
 {
-    uint32_t leaf = id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
+    const struct gn_ref_bvh *bvh = gn_ref_scene_tree(scene, gn_ref_id_instance(id));
+    uint32_t leaf = (uint32_t)id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
     if (!bvh->leaves_f32) {
         const struct gn_ref_triangle_f64 *triangle = &bvh->triangles[bvh->leaves_i16[leaf].first + lane];
         memcpy(out, triangle->w, sizeof triangle->w);
@@ -131,18 +131,23 @@ static bool corners_of(const struct gn_ref_bvh *bvh, uint32_t id, double out[3][
     return true;
 }
 
+/* The corners of two triangles, where they are known exactly and in one space. */
+static bool corners_of_both(const struct gn_ref_scene *scene, uint64_t a, uint64_t b, double p[3][3], double q[3][3])
+{
+    return gn_ref_id_instance(a) == gn_ref_id_instance(b) && corners_of(scene, a, p) && corners_of(scene, b, q);
+}
+
 /*
  * Two triangles that the ray meets in the same vertex, or in edges with the same ends, are met at the same place:
  * the usual tie. So are coincident triangles: with no edge function known to be 0 all three vertices have to agree.
  */
-static bool same_feature(const struct gn_ref_bvh *bvh, const struct gn_ref_candidate *a,
+static bool same_feature(const struct gn_ref_scene *scene, const struct gn_ref_candidate *a,
                          const struct gn_ref_candidate *b)
 {
     /* The vertices that the point is a combination of: those whose edge function is not 0. */
     unsigned left = ~a->zeros & 7u, right = ~b->zeros & 7u;
     double p[3][3], q[3][3];
-    if (__builtin_popcount(left) != __builtin_popcount(right) || !corners_of(bvh, a->id, p) ||
-        !corners_of(bvh, b->id, q))
+    if (__builtin_popcount(left) != __builtin_popcount(right) || !corners_of_both(scene, a->id, b->id, p, q))
         return false;
     for (int i = 0; i < 3; i++) {
         bool matched = !(left >> i & 1);
@@ -159,13 +164,12 @@ static bool before_best(struct gn_ref_certified *call, struct gn_ref_flight *fli
                         const struct gn_ref_candidate *candidate)
 {
     const struct gn_ref_candidate *best = &flight->best;
-    if (best->id == GN_REF_NONE || candidate->upper < best->lower)
+    if (best->id == GN_REF_NO_ID || candidate->upper < best->lower)
         return true;
     if (candidate->lower > best->upper)
         return false;
-    bool first = gn_ref_primitive_compare(gn_ref_scene_primitive(call->scene, candidate->id),
-                                          gn_ref_scene_primitive(call->scene, best->id)) < 0;
-    if (same_feature(&call->scene->bvh, candidate, best))
+    bool first = gn_ref_id_compare(call->scene, candidate->id, best->id) < 0;
+    if (same_feature(call->scene, candidate, best))
         return first;
     struct gn_ref_found a = {.id = candidate->id, .t = {-INFINITY, INFINITY}, .zeros = candidate->zeros};
     struct gn_ref_found b = {.id = best->id, .t = {-INFINITY, INFINITY}, .zeros = best->zeros};
@@ -182,15 +186,14 @@ static bool facing_admitted(const struct gn_ref_scene *scene, const struct gn_re
     return gn_ref_trace_admits_facing(scene, flight->ray, flight->tests, candidate->id, front);
 }
 
-bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id, const double edge[3],
-                          double error)
+bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint64_t id, const double edge[3],
+                          double error, int sense)
 {
     const struct gn_ref_candidate *best = &flight->best;
     struct gn_ref_candidate candidate = *best;
     double p[3][3], q[3][3];
     unsigned shared = 0, zero = 7;
-    if (best->id == GN_REF_NONE || flight->tests || !corners_of(&call->scene->bvh, best->id, p) ||
-        !corners_of(&call->scene->bvh, id, q))
+    if (best->id == GN_REF_NO_ID || flight->tests || !corners_of_both(call->scene, best->id, id, p, q))
         return false;
     for (int i = 0; i < 3; i++)
         for (int j = 0; j < 3; j++)
@@ -207,12 +210,11 @@ bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *f
             sign = edge[j] > 0 ? 1 : -1;
     if (sign == 0)
         return false;
-    if (gn_ref_primitive_compare(gn_ref_scene_primitive(call->scene, id),
-                                 gn_ref_scene_primitive(call->scene, best->id)) > 0)
+    if (gn_ref_id_compare(call->scene, id, best->id) > 0)
         return true;
     candidate.id = id;
     candidate.zeros = (uint16_t)zero;
-    candidate.sum_sign = (flight->sign < 0) ? -sign : sign;
+    candidate.sum_sign = sense * sign;
     candidate.barycentric_error = INFINITY; /* the caller wants others */
     flight->best = candidate;
     return true;
@@ -278,9 +280,9 @@ static enum decision triangle_decide(struct gn_ref_certified *call, struct gn_re
     struct gn_ref_found found = {.id = candidate->id};
     if (!gn_ref_trace_triangle_exact(slow, &found))
         return DECISION_MISS;
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(call->scene, candidate->id);
-    bool flipped = call->scene->instances[primitive->instance].flags & GN_REF_INSTANCE_FLIP_FACING;
-    int determinant_sign = call->scene->instance_data[primitive->instance].determinant_sign;
+    uint32_t instance = gn_ref_id_instance(candidate->id);
+    bool flipped = call->scene->instances[instance].flags & GN_REF_INSTANCE_FLIP_FACING;
+    int determinant_sign = call->scene->instance_data[instance].determinant_sign;
     candidate->sum_sign = found.front != flipped ? -determinant_sign : determinant_sign;
     double lower = found.t.lower * flight->length, upper = found.t.upper * flight->length;
     candidate->lower = lower - (fabs(lower) * 0x1p-51 + 0x1p-1000);
@@ -291,7 +293,7 @@ static enum decision triangle_decide(struct gn_ref_certified *call, struct gn_re
     return DECISION_HIT;
 }
 
-void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id)
+void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint64_t id)
 {
     struct gn_ref_candidate candidate = {.id = id};
     bool opaque;
@@ -307,8 +309,12 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
 {
     struct gn_ref_candidate *best = &flight->best;
     const struct gn_ref_scene *scene = call->scene;
-    if (best->id == GN_REF_NONE)
+    if (flight->lost)
+        return gn_ref_trace_closest_any(scene, flight->ray, out);
+    if (best->id == GN_REF_NO_ID)
         return 0;
+    if (call->any)
+        return 1;
     bool opaque, front = gn_ref_trace_front(scene, flight->effects, best->id, best->sum_sign);
     gn_ref_trace_admits(scene, flight->ray, flight->effects & 1u << GN_REF_EFFECT_ANY_HIT, best->id, &opaque);
     if (!gn_ref_candidate_accurate(best) && !gn_ref_candidate_refine(best, flight, scene)) {
@@ -316,14 +322,14 @@ static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *fl
         gn_ref_trace_hit_write(slow_stage(call, flight), &found, out);
         return 1;
     }
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, best->id);
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, best->id);
     double t = best->s / flight->length;
     double t_error = (best->s_error / flight->length + gn_ref_rounding_error(t)) * (1 + 0x1p-50);
     *out = (struct gn_ref_hit){
         .type = GN_REF_TRIANGLES,
-        .instance = primitive->instance,
-        .geometry = primitive->geometry,
-        .primitive = primitive->primitive,
+        .instance = primitive.instance,
+        .geometry = primitive.geometry,
+        .primitive = primitive.primitive,
         .t = t,
         .t_exit = t,
         .beta = best->beta,
@@ -343,7 +349,7 @@ static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene 
 {
     call->scene = scene;
     call->start = kernel->start;
-    call->fits_cache = gn_ref_bvh_bytes(&scene->bvh) <= FITS_CACHE_BYTES;
+    call->fits_cache = gn_ref_scene_bytes(scene) <= FITS_CACHE_BYTES;
     call->forced = gn_ref_effects_forced();
     call->counts = gn_ref_effects_counting();
     call->any = false;
@@ -380,7 +386,7 @@ static bool ray_begin(struct gn_ref_certified *call, struct gn_ref_flight *fligh
         *out_found = -1;
         return false;
     }
-    if (scene->bvh.node_count == 0 || (ray->flags & GN_REF_RAY_SKIP_TRIANGLES)) {
+    if (scene->triangle_count == 0 || (ray->flags & GN_REF_RAY_SKIP_TRIANGLES)) {
         *out_found = 0;
         return false;
     }
@@ -418,8 +424,7 @@ bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *
 
 void gn_ref_certified_end(struct gn_ref_certified *call, struct gn_ref_flight *flight)
 {
-    int found = call->any ? flight->best.id != GN_REF_NONE : flight_answer(call, flight, hit_of(call, flight->index));
-    call->found[flight->index] = (int8_t)found;
+    call->found[flight->index] = (int8_t)flight_answer(call, flight, hit_of(call, flight->index));
 }
 
 static int trace_one(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, bool any, struct gn_ref_hit *out_hit)
@@ -432,7 +437,7 @@ static int trace_one(const struct gn_ref_scene *scene, const struct gn_ref_ray *
     call.any = any;
     if (ray_begin(&call, &flight, ray, out_hit, &found)) {
         kernel->run(&call, &flight);
-        found = any ? flight.best.id != GN_REF_NONE : flight_answer(&call, &flight, out_hit);
+        found = flight_answer(&call, &flight, out_hit);
     }
     call_end(&call);
     return found;
@@ -451,7 +456,7 @@ static void trace_many(const struct gn_ref_scene *scene, const struct gn_ref_ray
     call.hits = out_hits;
     call.stride = stride;
     call.found = out_found;
-    if (kernel->run && !call.counts && (gn_ref_bvh_bytes(&scene->bvh) > FLY_BYTES || atomic_load(&fly_always))) {
+    if (kernel->run && !call.counts && (gn_ref_scene_bytes(scene) > FLY_BYTES || atomic_load(&fly_always))) {
         kernel->run(&call, NULL);
     } else {
         struct gn_ref_flight flight;

@@ -23,6 +23,26 @@
  * (2^-149 at a time) vanishes in its 2^-23 R >= 2^-103. The largest number is below 2^122. No infinity or NaN arises
  * but from the bounds of children that are not there, which are +inf on entry and -inf on exit whatever the sign of i.
  *
+ * In an instance the tree is in object space, where the triangles are those of the BLAS: over the real numbers a line
+ * meets a triangle in the world when its image under the inverse meets it in object space, at the same t, and U, V, W
+ * are multiplied by the determinant. The image is known to origin_error and direction_error in each component (scene.c,
+ * inverse_set()). With R now bounding |w - o| in object space, k the largest component of the direction there, and d_k that of
+ * the world, a hit has t |d'_k| <= R: up to it the computed ray is within
+ *     e = origin_error + R direction_error / |d'_k|
+ * of the real one along every axis, and e is made larger by 2^-20 of itself to be safe from its own rounding. s stays that of the world:
+ * all numbers of the slab test are as above with i = |d_k| / d', the smallest of which is `unit` = |d_k| / |d'_k|, g' being
+ * +-2^-30 |d'_k| / |d_k| where g is smaller. Boxes have to be wider by e on every side:
+ *     delta = (4 u R + 2 e) |i|.
+ * R is only a bound and may be enlarged, so it is at least 2^-80 there, and so is R unit; where one of them is above
+ * 2^90 (or anything is not a number) the f64 traversal takes the ray.
+ *
+ * In both filters a sheared coordinate of the computed ray differs from the real one's by at most the origin's error,
+ * 2 origin_error, and |v_z| times the slope's, 2 direction_error / |d'_k|: 2 e. It joins the 2^-49 R of the f32 filter as
+ * 2.5 e, and in f64 eps is 8 u R + 4 e. That also covers A_z, which is wrong by u R + e, and that t |d'_k| is s over unit
+ * but for t direction_error <= e and three roundings: the error of s grows by e + 3.1 u R to below 4.6 eps, of which 5 are
+ * used. Where this is not enough for a decision, corners are placed in the world, each with the bound of its
+ * own error, and all goes on there.
+ *
  * The filter in f32 says only what is certainly missed. It works about a point c' close to the leaf's triangles and in
  * units of about the leaf's size, a power of two, so that its errors are those of numbers as small as the leaf is, wherever
  * the leaf, the scene and the ray's origin are. S = (d_x, d_y) / d_z as in filter.c, |S| <= 1. With
@@ -91,9 +111,9 @@ struct gn_ref_candidate {
     double lower, upper;
     double s, s_error;
     double beta, gamma, barycentric_error;
-    uint32_t id; /* GN_REF_NONE: nothing */
+    uint64_t id; /* GN_REF_NO_ID: nothing */
     uint16_t zeros; /* bit i: edge function i is exactly 0 */
-    int sum_sign; /* of U + V + W */
+    int sum_sign; /* of U + V + W, in the world */
 };
 
 /* Whether the caller may have its numbers. */
@@ -107,16 +127,16 @@ struct gn_ref_flight;
 bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn_ref_flight *flight,
                              const struct gn_ref_scene *scene);
 
-#define GN_REF_STACK_SIZE ((GN_REF_MAX_DEPTH + 1) * GN_REF_NODE_WIDTH)
+/* Of the tree over instances, and of the one below that a ray is in. */
+#define GN_REF_STACK_SIZE (2 * (GN_REF_MAX_DEPTH + 1) * GN_REF_NODE_WIDTH)
 
-/* One ray on its way. */
-struct gn_ref_flight {
+/* A ray as a tree sees it, in the world or in an instance's object space. */
+struct gn_ref_frame {
+    const struct gn_ref_bvh *bvh;
     /* The slab test: s = bound * scale - bias; offsets into a node in bytes of what is met first and last. */
     float scale[4];
     float near_bias[4], far_bias[4];
     uint32_t near_offset[4], far_offset[4];
-    float s_first_f32; /* rounded down */
-    float s_limit_f32; /* rounded up: no larger s is of interest */
     /* The filter, in the order of axes x, y, z = k. */
     uint32_t axis[3];
     float shear_f32[2];
@@ -125,9 +145,22 @@ struct gn_ref_flight {
     double shear[2], shear_rest[2];
     bool split; /* shear is an f32, and the rest not 0 for that */
     double sign; /* of d_k */
-    double direction[3];
-    double eps; /* 8 u R */
+    double eps; /* of certified.h */
     double bound[3]; /* c_1, c_2, c_3 of certified.h, for leaves that are not fine */
+    double unit; /* a length along this axis k as s, which is one along the world's */
+    int turn; /* -1: the world sees the other side of triangles */
+};
+
+/* One ray on its way. */
+struct gn_ref_flight {
+    struct gn_ref_frame frames[2]; /* of the world; of the instance that it is inside of */
+    uint32_t inside; /* 1: of an instance */
+    uint32_t instance; /* then, or where the world's tree is one of triangles: whose triangles it meets */
+    uint32_t floor; /* the stack's depth with nothing of that instance on it */
+    bool lost; /* a frame would be out of range: the f64 traversal has to answer */
+    float s_first_f32; /* rounded down */
+    float s_limit_f32; /* rounded up: no larger s is of interest */
+    double direction[3]; /* in the order of the world's axes */
     double s_first, s_last; /* tmin and tmax times |d_k|, which is exact */
     uint32_t effects; /* called for by the ray, or forced on */
     uint32_t tests; /* of these: what may keep a triangle from being met; set by certified.c like the former */
@@ -199,13 +232,14 @@ bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *
 void gn_ref_certified_end(struct gn_ref_certified *call, struct gn_ref_flight *flight);
 
 /* Decides about a triangle by the exact stages and takes it if it is nearer than the best. */
-void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id);
+void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint64_t id);
 /*
  * A triangle about which the filter cannot decide, with what it says of the edge functions: whether the ray meets it exactly
- * where it meets the best one, in an edge or vertex that they share. Then it is taken if it comes before it.
+ * where it meets the best one, in an edge or vertex that they share. Then it is taken if it comes before it. `sense` turns the
+ * edge functions' sign into that of U, V, W in the world.
  */
-bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint32_t id, const double edge[3],
-                          double error);
+bool gn_ref_certified_tie(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint64_t id, const double edge[3],
+                          double error, int sense);
 /* Takes a triangle that is certainly met unless a mask or flag forbids it or s cannot be placed. */
 void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
                             const struct gn_ref_candidate *candidate);

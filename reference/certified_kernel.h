@@ -52,14 +52,22 @@ static inline double most_of(double a, double b)
     return a > b ? a : b;
 }
 
-static inline void prefetch_child(const struct gn_ref_bvh *bvh, uint32_t child, bool narrow)
+static inline void prefetch(const void *memory, size_t bytes)
 {
-    const char *memory = (const char *)&bvh->nodes[child];
-    if (child & GN_REF_LEAF_BIT)
-        memory = narrow ? (const char *)&bvh->leaves_f32[child & ~GN_REF_LEAF_BIT]
-                        : (const char *)&bvh->leaves_i16[child & ~GN_REF_LEAF_BIT];
-    for (size_t offset = 0; offset < (narrow ? offsetof(struct gn_ref_leaf_f32, primitive) : sizeof *bvh->nodes); offset += 64)
-        __builtin_prefetch(memory + offset);
+    for (size_t offset = 0; offset < bytes; offset += 64)
+        __builtin_prefetch((const char *)memory + offset);
+}
+
+/* A node, or a leaf of triangles; instances are not asked for. */
+static inline void prefetch_child(const struct gn_ref_bvh *bvh, uint32_t child)
+{
+    uint32_t leaf = child & ~GN_REF_LEAF_BIT;
+    if (!(child & GN_REF_LEAF_BIT))
+        prefetch(&bvh->nodes[child], sizeof *bvh->nodes);
+    else if (bvh->leaves_f32)
+        prefetch(&bvh->leaves_f32[leaf], offsetof(struct gn_ref_leaf_f32, geometry));
+    else if (bvh->leaves_i16)
+        prefetch(&bvh->leaves_i16[leaf], sizeof bvh->leaves_i16[leaf]);
 }
 
 static inline void prefetch_triangle(const struct gn_ref_bvh *bvh, uint32_t child, uint32_t lane)
@@ -69,35 +77,45 @@ static inline void prefetch_triangle(const struct gn_ref_bvh *bvh, uint32_t chil
     __builtin_prefetch(memory + sizeof *bvh->triangles - 1);
 }
 
-/* Goes on with the nearest of what waits; false when nothing does. */
-static inline bool flight_pop(struct gn_ref_flight *flight)
+/* Goes on with the nearest of what waits, outside of the instance when nothing does inside; false when nothing does. */
+static inline bool flight_pop(struct gn_ref_flight *flight, bool layered)
 {
-    while (flight->depth > 0) {
-        uint64_t top = flight->stack[--flight->depth];
-        uint32_t bits = (uint32_t)(top >> 32);
-        float near;
-        memcpy(&near, &bits, sizeof near);
-        if (near <= flight->s_limit_f32) {
-            flight->current = (uint32_t)top;
-            return true;
+    for (;;) {
+        while (flight->depth > (layered ? flight->floor : 0)) {
+            uint64_t top = flight->stack[--flight->depth];
+            uint32_t bits = (uint32_t)(top >> 32);
+            float near;
+            memcpy(&near, &bits, sizeof near);
+            if (near <= flight->s_limit_f32) {
+                flight->current = (uint32_t)top;
+                return true;
+            }
         }
+        if (!layered || !flight->inside)
+            return false;
+        flight->inside = 0;
+        flight->floor = 0;
     }
-    return false;
+}
+
+static inline const struct gn_ref_frame *frame_of(const struct gn_ref_flight *flight, bool layered)
+{
+    return &flight->frames[layered ? flight->inside : 0];
 }
 
 /* Where the children's boxes are entered, and which are met at all. */
 static inline unsigned node_test(uint32_t keys[GN_REF_NODE_WIDTH], const struct gn_ref_flight *flight,
-                                 const struct gn_ref_bvh *bvh)
+                                 const struct gn_ref_frame *frame)
 {
-    const char *memory = (const char *)&bvh->nodes[flight->current];
+    const char *memory = (const char *)&frame->bvh->nodes[flight->current];
     f8 near = f8_set1(flight->s_first_f32), far = f8_set1(flight->s_limit_f32);
 #define SLAB(axis)                                                                                                     \
     do {                                                                                                               \
-        f8 scale = f8_set1(flight->scale[axis]);                                                                       \
-        f8 first = f8_load((const float *)(const void *)(memory + flight->near_offset[axis]));                         \
-        f8 last = f8_load((const float *)(const void *)(memory + flight->far_offset[axis]));                           \
-        near = f8_max(f8_mulsub(first, scale, f8_set1(flight->near_bias[axis])), near);                                \
-        far = f8_min(f8_mulsub(last, scale, f8_set1(flight->far_bias[axis])), far);                                    \
+        f8 scale = f8_set1(frame->scale[axis]);                                                                       \
+        f8 first = f8_load((const float *)(const void *)(memory + frame->near_offset[axis]));                         \
+        f8 last = f8_load((const float *)(const void *)(memory + frame->far_offset[axis]));                           \
+        near = f8_max(f8_mulsub(first, scale, f8_set1(frame->near_bias[axis])), near);                                \
+        far = f8_min(f8_mulsub(last, scale, f8_set1(frame->far_bias[axis])), far);                                    \
     } while (0)
     /* near stays the second operand: a -0 would sort behind everything as an integer. */
     SLAB(0);
@@ -109,11 +127,11 @@ static inline unsigned node_test(uint32_t keys[GN_REF_NODE_WIDTH], const struct 
 
 /* Goes on with the nearest child. */
 static inline bool node_leave(struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
-                              const uint32_t keys[GN_REF_NODE_WIDTH], unsigned met, bool prefetch, bool narrow)
+                              const uint32_t keys[GN_REF_NODE_WIDTH], unsigned met, bool ahead, bool layered)
 {
     const struct gn_ref_node *node = &bvh->nodes[flight->current];
     if (met == 0)
-        return flight_pop(flight);
+        return flight_pop(flight, layered);
     unsigned i = (unsigned)__builtin_ctz(met);
     met &= met - 1;
     if (met == 0) {
@@ -127,8 +145,8 @@ static inline bool node_leave(struct gn_ref_flight *flight, const struct gn_ref_
         i = (unsigned)__builtin_ctz(met);
         met &= met - 1;
         uint64_t key = (uint64_t)keys[i] << 32 | node->child[i];
-        if (prefetch)
-            prefetch_child(bvh, node->child[i], narrow);
+        if (ahead)
+            prefetch_child(bvh, node->child[i]);
         uint64_t larger = key > nearest ? key : nearest;
         nearest = key > nearest ? nearest : key;
         uint64_t *to = place++;
@@ -148,10 +166,10 @@ struct lane {
     double edge[3], z[3], error, eps;
 };
 
-static inline void lane_corners(double w[3][3], double *error, const struct gn_ref_bvh *bvh, uint32_t id,
+static inline void lane_corners(double w[3][3], double *error, const struct gn_ref_bvh *bvh, uint32_t place,
                                 const uint32_t axis[3], bool narrow)
 {
-    uint32_t leaf = id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
+    uint32_t leaf = place / GN_REF_NODE_WIDTH, lane = place % GN_REF_NODE_WIDTH;
     const struct gn_ref_leaf_f32 *of = narrow ? &bvh->leaves_f32[leaf] : NULL;
     const struct gn_ref_triangle_f64 *triangle = narrow ? NULL : &bvh->triangles[bvh->leaves_i16[leaf].first + lane];
     for (int v = 0; v < 3; v++)
@@ -161,7 +179,7 @@ static inline void lane_corners(double w[3][3], double *error, const struct gn_r
 }
 
 /* s, the barycentrics and their error bounds (certified.h); false when the sum is too near 0. */
-static inline bool lane_place(struct gn_ref_candidate *out, const struct gn_ref_flight *flight, const struct lane *lane)
+static inline bool lane_place(struct gn_ref_candidate *out, const struct gn_ref_frame *frame, const struct lane *lane)
 {
     const double unit = 0x1p-53;
     double sum = lane->edge[0] + lane->edge[1] + lane->edge[2];
@@ -169,8 +187,8 @@ static inline bool lane_place(struct gn_ref_candidate *out, const struct gn_ref_
     double beta = lane->edge[1] * inverse, gamma = lane->edge[2] * inverse;
     double f = muladd(lane->error * (1.0625 * 4.5), fabs(inverse), 17 * unit);
     double p = lane->z[1] - lane->z[0], q = lane->z[2] - lane->z[0];
-    double s = flight->sign * (lane->z[0] + muladd(beta, p, gamma * q));
-    double s_error = muladd(f + 8 * unit, fabs(p) + fabs(q), 5 * lane->eps);
+    double s = frame->sign * (lane->z[0] + muladd(beta, p, gamma * q)) * frame->unit;
+    double s_error = muladd(f + 8 * unit, fabs(p) + fabs(q), 5 * lane->eps) * frame->unit;
     out->s = s;
     out->s_error = s_error;
     out->lower = s - s_error;
@@ -178,16 +196,16 @@ static inline bool lane_place(struct gn_ref_candidate *out, const struct gn_ref_
     out->beta = beta;
     out->gamma = gamma;
     out->barycentric_error = f;
-    out->sum_sign = (sum > 0) ^ (flight->sign < 0) ? 1 : -1;
+    out->sum_sign = (sum > 0) ^ (frame->sign < 0) ? frame->turn : -frame->turn;
     return fabs(sum) * (1.0 / 64 - 8 * unit) > 3.5 * lane->error;
 }
 
 /* A triangle that is met, if its s can be placed. */
-static inline bool lane_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct lane *lane,
-                              uint32_t id, unsigned zeros)
+static inline bool lane_offer(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                              const struct gn_ref_frame *frame, const struct lane *lane, uint64_t id, unsigned zeros)
 {
     struct gn_ref_candidate candidate = {.id = id, .zeros = (uint16_t)zeros};
-    if (!lane_place(&candidate, flight, lane))
+    if (!lane_place(&candidate, frame, lane))
         return false;
     if (candidate.lower < flight->s_last && candidate.upper > flight->s_first &&
         !(candidate.lower > flight->best.upper))
@@ -238,22 +256,36 @@ static inline bool is_coarse(double a)
     return a == 0 || fabs(a) > 0x1p-400;
 }
 
-static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
-                                uint32_t id, bool narrow)
+/* In the world: that is where an instance's corners are placed. */
+static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *flight, const struct gn_ref_certified *call,
+                                uint64_t id)
 {
+    const struct gn_ref_scene *scene = call->scene;
+    const struct gn_ref_frame *world = &flight->frames[0];
+    const struct gn_ref_bvh *bvh = gn_ref_scene_tree(scene, gn_ref_id_instance(id));
     double w[3][3], x[3], y[3], x_error[3], y_error[3], rest = 0, most_z = 0, vertex_error;
     double dx = flight->direction[0], dy = flight->direction[1], dz = flight->direction[2];
-    bool exact = true;
-    lane_corners(w, &vertex_error, bvh, id, flight->axis, narrow);
-    if (!narrow && !(vertex_error < INFINITY)) {
+    bool exact = true, narrow = false;
+    if (scene->layered && gn_ref_instance_is_entered(scene, gn_ref_id_instance(id), call->forced)) {
+        double corners[3][3];
+        const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, id);
+        gn_ref_triangle_place(scene, &primitive, corners, &vertex_error);
+        for (int v = 0; v < 3; v++)
+            for (int i = 0; i < 3; i++)
+                w[v][i] = corners[v][world->axis[i]];
+    } else {
+        narrow = bvh->leaves_f32;
+        lane_corners(w, &vertex_error, bvh, (uint32_t)id, world->axis, narrow);
+    }
+    if (!(vertex_error < INFINITY)) {
         *out = (struct sharp){.lane = {.error = INFINITY, .eps = INFINITY},
                               .sign = {SIGN_UNKNOWN, SIGN_UNKNOWN, SIGN_UNKNOWN}};
         return;
     }
     for (int v = 0; v < 3; v++)
         for (int i = 0; i < 3; i++) {
-            double a = w[v][i] - flight->origin[i];
-            rest = most_of(fabs(difference_rest(w[v][i], flight->origin[i], a)), rest);
+            double a = w[v][i] - world->origin[i];
+            rest = most_of(fabs(difference_rest(w[v][i], world->origin[i], a)), rest);
             w[v][i] = a;
             if (!narrow)
                 exact &= is_coarse(a);
@@ -293,11 +325,10 @@ static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *f
 }
 
 /* What the filter cannot decide; the last resort are the stages of certified.c. */
-static __attribute__((noinline)) void lane_settle(struct gn_ref_certified *call, struct gn_ref_flight *flight,
-                                                  const struct gn_ref_bvh *bvh, uint32_t id, bool narrow)
+static __attribute__((noinline)) void lane_settle(struct gn_ref_certified *call, struct gn_ref_flight *flight, uint64_t id)
 {
     struct sharp sharp;
-    lane_sharpen(&sharp, flight, bvh, id, narrow);
+    lane_sharpen(&sharp, flight, call, id);
     bool positive = false, negative = false, known = true;
     unsigned zeros = 0;
     for (int i = 0; i < 3; i++) {
@@ -310,7 +341,7 @@ static __attribute__((noinline)) void lane_settle(struct gn_ref_certified *call,
         call->sharpened++;
         return;
     }
-    if (known && lane_offer(call, flight, &sharp.lane, id, zeros)) {
+    if (known && lane_offer(call, flight, &flight->frames[0], &sharp.lane, id, zeros)) {
         call->sharpened++;
         return;
     }
@@ -318,19 +349,19 @@ static __attribute__((noinline)) void lane_settle(struct gn_ref_certified *call,
 }
 
 /* At the end: t and barycentrics as accurate as trace.h promises, if they are not yet. */
-static __attribute__((noinline)) void best_refine(struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh, bool narrow)
+static __attribute__((noinline)) void best_refine(struct gn_ref_flight *flight, const struct gn_ref_certified *call)
 {
     struct sharp sharp;
     struct gn_ref_candidate refined = flight->best;
-    lane_sharpen(&sharp, flight, bvh, flight->best.id, narrow);
-    if (lane_place(&refined, flight, &sharp.lane) && gn_ref_candidate_accurate(&refined))
+    lane_sharpen(&sharp, flight, call, flight->best.id);
+    if (lane_place(&refined, &flight->frames[0], &sharp.lane) && gn_ref_candidate_accurate(&refined))
         flight->best = refined;
 }
 
-static inline void flight_refine(struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh, bool narrow)
+static inline void flight_refine(struct gn_ref_flight *flight, const struct gn_ref_certified *call)
 {
-    if (flight->best.id != GN_REF_NONE && !gn_ref_candidate_accurate(&flight->best))
-        best_refine(flight, bvh, narrow);
+    if (!call->any && flight->best.id != GN_REF_NO_ID && !flight->lost && !gn_ref_candidate_accurate(&flight->best))
+        best_refine(flight, call);
 }
 
 static inline float f32_of_bits(uint32_t bits)
@@ -351,24 +382,24 @@ static inline float f32_power(int exponent)
 }
 
 /* The lanes of a leaf that f32 cannot exclude. */
-static inline unsigned leaf_test(const struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh, bool narrow)
+static inline unsigned leaf_test_of(const struct gn_ref_flight *flight, const struct gn_ref_frame *frame, bool narrow)
 {
     const uint32_t index = flight->current & ~GN_REF_LEAF_BIT;
-    const struct gn_ref_leaf_f32 *leaf = &bvh->leaves_f32[narrow ? index : 0];
-    const struct gn_ref_leaf_i16 *grid = &bvh->leaves_i16[narrow ? 0 : index];
-    const uint32_t kx = flight->axis[0], ky = flight->axis[1], kz = flight->axis[2];
+    const struct gn_ref_leaf_f32 *leaf = &frame->bvh->leaves_f32[narrow ? index : 0];
+    const struct gn_ref_leaf_i16 *grid = &frame->bvh->leaves_i16[narrow ? 0 : index];
+    const uint32_t kx = frame->axis[0], ky = frame->axis[1], kz = frame->axis[2];
     const float scale = narrow ? f32_power(-leaf->exponent) : grid->inverse_size;
     const float *middle = narrow ? leaf->origin : grid->centre;
-    const double *origin = narrow ? flight->origin : flight->local;
+    const double *origin = narrow ? frame->origin : frame->local;
     const float cx = middle[kx], cy = middle[ky], cz = middle[kz];
     const double along = cz - origin[2];
-    const float beta_x = (float)((cx - origin[0] - flight->shear_whole[0] * along) * scale);
-    const float beta_y = (float)((cy - origin[1] - flight->shear_whole[1] * along) * scale);
-    const float eta = (float)(flight->local_error * scale);
+    const float beta_x = (float)((cx - origin[0] - frame->shear_whole[0] * along) * scale);
+    const float beta_y = (float)((cy - origin[1] - frame->shear_whole[1] * along) * scale);
+    const float eta = (float)(frame->local_error * scale);
     const float ex = narrow ? f32_upper(leaf->extent[kx]) : grid->step[kx];
     const float ey = narrow ? f32_upper(leaf->extent[ky]) : grid->step[ky];
     const float ez = narrow ? f32_upper(leaf->extent[kz]) : grid->step[kz];
-    const float sx = flight->shear_f32[0], sy = flight->shear_f32[1];
+    const float sx = frame->shear_f32[0], sy = frame->shear_f32[1];
     const float least_shear = narrow ? 0 : 0x1p-6f, share = narrow ? 5 * 0x1p-24f : 0.625f;
     const float eps_x = share * (ex + (fabsf(sx) + least_shear) * ez) + (0x1p-22f * fabsf(beta_x) + eta);
     const float eps_y = share * (ey + (fabsf(sy) + least_shear) * ez) + (0x1p-22f * fabsf(beta_y) + eta);
@@ -396,6 +427,11 @@ static inline unsigned leaf_test(const struct gn_ref_flight *flight, const struc
     return ~missed & ((1u << (narrow ? leaf->count : grid->count)) - 1);
 }
 
+static inline unsigned leaf_test(const struct gn_ref_flight *flight, const struct gn_ref_frame *frame)
+{
+    return frame->bvh->leaves_f32 ? leaf_test_of(flight, frame, true) : leaf_test_of(flight, frame, false);
+}
+
 /* (S_1 + S_2) z - fl(S_1 z), S_1 being an f32, but for the rounding of S_2 z and of the sum. */
 static inline double shear_rest(double first, double second, double z)
 {
@@ -403,34 +439,36 @@ static inline double shear_rest(double first, double second, double z)
     return ((first * high - first * z) + first * low) + second * z;
 }
 
-static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
-                              uint32_t id, bool sharp, bool narrow)
+static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                              const struct gn_ref_frame *frame, uint32_t place, bool sharp, bool narrow)
 {
     struct lane lane;
+    const uint64_t id = gn_ref_id(flight->instance, place);
     double w[3][3], x[3], y[3], n = 0, vertex_error;
-    lane_corners(w, &vertex_error, bvh, id, flight->axis, narrow);
-    lane.eps = narrow ? flight->eps : muladd(vertex_error, 3, flight->eps);
+    lane_corners(w, &vertex_error, frame->bvh, place, frame->axis, narrow);
+    lane.eps = narrow ? frame->eps : muladd(vertex_error, 3, frame->eps);
     for (int v = 0; v < 3; v++)
-        lane.z[v] = w[v][2] - flight->origin[2];
+        lane.z[v] = w[v][2] - frame->origin[2];
     /* The triangle's own extent bounds s. */
-    double a = flight->sign * lane.z[0], b = flight->sign * lane.z[1], c = flight->sign * lane.z[2];
-    double first = least_of(a, least_of(b, c)) - lane.eps, last = most_of(a, most_of(b, c)) + lane.eps;
+    double a = frame->sign * lane.z[0], b = frame->sign * lane.z[1], c = frame->sign * lane.z[2];
+    double first = (least_of(a, least_of(b, c)) - lane.eps) * frame->unit;
+    double last = (most_of(a, most_of(b, c)) + lane.eps) * frame->unit;
     if (first > flight->best.upper || last < flight->s_first || first > flight->s_last)
         return;
     for (int v = 0; v < 3; v++) {
         double z = lane.z[v];
-        x[v] = w[v][0] - flight->origin[0];
-        y[v] = w[v][1] - flight->origin[1];
-        if (narrow && !FUSED && flight->split) {
-            x[v] = (x[v] - flight->shear[0] * z) - shear_rest(flight->shear[0], flight->shear_rest[0], z);
-            y[v] = (y[v] - flight->shear[1] * z) - shear_rest(flight->shear[1], flight->shear_rest[1], z);
+        x[v] = w[v][0] - frame->origin[0];
+        y[v] = w[v][1] - frame->origin[1];
+        if (narrow && !FUSED && frame->split) {
+            x[v] = (x[v] - frame->shear[0] * z) - shear_rest(frame->shear[0], frame->shear_rest[0], z);
+            y[v] = (y[v] - frame->shear[1] * z) - shear_rest(frame->shear[1], frame->shear_rest[1], z);
         } else {
-            x[v] = nmuladd(flight->shear[0], z, x[v]);
-            y[v] = nmuladd(flight->shear[1], z, y[v]);
+            x[v] = nmuladd(frame->shear[0], z, x[v]);
+            y[v] = nmuladd(frame->shear[1], z, y[v]);
         }
         if (narrow && FUSED) {
-            x[v] = nmuladd(flight->shear_rest[0], z, x[v]);
-            y[v] = nmuladd(flight->shear_rest[1], z, y[v]);
+            x[v] = nmuladd(frame->shear_rest[0], z, x[v]);
+            y[v] = nmuladd(frame->shear_rest[1], z, y[v]);
         }
         n += fabs(x[v]) + fabs(y[v]);
     }
@@ -442,9 +480,9 @@ static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_fligh
             int j = (i + 1) % 3, k = (i + 2) % 3;
             product = most_of(fabs(x[j] * y[k]) + fabs(y[j] * x[k]), product);
         }
-        lane.error = muladd(flight->bound[0], product, muladd(flight->bound[1], n, flight->bound[2]));
+        lane.error = muladd(frame->bound[0], product, muladd(frame->bound[1], n, frame->bound[2]));
     } else {
-        lane.error = muladd(1.5 * flight->eps, n, 4 * flight->eps * flight->eps);
+        lane.error = muladd(1.5 * frame->eps, n, 4 * frame->eps * frame->eps);
     }
     lane.edge[0] = nmuladd(y[1], x[2], x[1] * y[2]);
     lane.edge[1] = nmuladd(y[2], x[0], x[2] * y[0]);
@@ -454,168 +492,72 @@ static inline void lane_visit(struct gn_ref_certified *call, struct gn_ref_fligh
     /* Unknown errors are infinite: then it is neither missed nor certainly met, nor are NaNs that come of them. */
     if (most > lane.error && least < -lane.error)
         return;
-    if ((least > lane.error || most < -lane.error) && lane_offer(call, flight, &lane, id, 0))
+    if ((least > lane.error || most < -lane.error) && lane_offer(call, flight, frame, &lane, id, 0))
         return;
-    if (narrow && flight->best.zeros && gn_ref_certified_tie(call, flight, id, lane.edge, lane.error))
+    if (narrow && flight->best.zeros &&
+        gn_ref_certified_tie(call, flight, id, lane.edge, lane.error, frame->sign < 0 ? -frame->turn : frame->turn))
         return;
-    lane_settle(call, flight, bvh, id, narrow);
+    lane_settle(call, flight, id);
 }
 
-static inline void leaf_leave(struct gn_ref_certified *call, struct gn_ref_flight *flight, const struct gn_ref_bvh *bvh,
-                              unsigned open, bool narrow)
+static inline void leaf_leave_of(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                                 const struct gn_ref_frame *frame, unsigned open, bool narrow)
 {
+    const struct gn_ref_bvh *bvh = frame->bvh;
     uint32_t leaf = flight->current & ~GN_REF_LEAF_BIT;
     uint32_t count = narrow ? bvh->leaves_f32[leaf].count : bvh->leaves_i16[leaf].count;
     bool sharp = narrow && !bvh->leaves_f32[leaf].fine;
     call->filtered += count;
     call->rejected_f32 += count - (unsigned)__builtin_popcount(open);
     for (; open; open &= open - 1)
-        lane_visit(call, flight, bvh, leaf * GN_REF_NODE_WIDTH + (unsigned)__builtin_ctz(open), sharp, narrow);
+        lane_visit(call, flight, frame, leaf * GN_REF_NODE_WIDTH + (unsigned)__builtin_ctz(open), sharp, narrow);
 }
 
-/* One node or leaf; false at the ray's end. */
-static inline bool flight_step(struct gn_ref_certified *call, struct gn_ref_flight *flight,
-                               const struct gn_ref_bvh *bvh, bool narrow, bool prefetch)
+static inline void leaf_leave(struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                              const struct gn_ref_frame *frame, unsigned open)
 {
-    if (!(flight->current & GN_REF_LEAF_BIT)) {
-        uint32_t keys[GN_REF_NODE_WIDTH];
-        unsigned met = node_test(keys, flight, bvh);
-        return node_leave(flight, bvh, keys, met, prefetch, narrow);
-    }
-    leaf_leave(call, flight, bvh, leaf_test(flight, bvh, narrow), narrow);
-    return flight_pop(flight);
+    if (frame->bvh->leaves_f32)
+        leaf_leave_of(call, flight, frame, open, true);
+    else
+        leaf_leave_of(call, flight, frame, open, false);
 }
 
-static inline void run_one(struct gn_ref_certified *call, struct gn_ref_flight *flight, bool narrow, bool prefetch)
-{
-    const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    while (flight_step(call, flight, bvh, narrow, prefetch))
-        ;
-    if (!call->any)
-        flight_refine(flight, bvh, narrow);
-}
-
-/* With counters of what is visited (effects.h). */
-static __attribute__((noinline)) void run_counted(struct gn_ref_certified *call, struct gn_ref_flight *flight)
-{
-    const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    bool narrow = bvh->leaves_f32 != NULL;
-    uint64_t leaves = 0, nodes = 0, triangles = 0;
-    do {
-        bool is_leaf = flight->current & GN_REF_LEAF_BIT;
-        leaves += is_leaf;
-        nodes += !is_leaf;
-        if (is_leaf)
-            triangles += narrow ? bvh->leaves_f32[flight->current & ~GN_REF_LEAF_BIT].count
-                                : bvh->leaves_i16[flight->current & ~GN_REF_LEAF_BIT].count;
-    } while (flight_step(call, flight, bvh, narrow, false));
-    if (!call->any)
-        flight_refine(flight, bvh, narrow);
-    call->counts->leaves += leaves;
-    call->counts->nodes += nodes;
-    call->counts->triangles += triangles;
-}
-
-/* Which flights are to visit a node next, and which a leaf. */
-struct turn {
-    unsigned list[2][FLIGHTS];
-    size_t count[2];
-};
-
-static inline void turn_add(struct turn *turn, const struct gn_ref_flight *flights, unsigned i,
-                            const struct gn_ref_bvh *bvh, bool narrow)
-{
-    unsigned is_leaf = flights[i].current >> 31;
-    turn->list[is_leaf][turn->count[is_leaf]++] = i;
-    prefetch_child(bvh, flights[i].current, narrow);
-}
-
-/* A flight has ended: the next ray takes its place. */
-static inline void flight_land(struct gn_ref_certified *call, struct turn *turn, struct gn_ref_flight *flights,
-                               unsigned i, bool narrow)
-{
-    const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    if (!call->any)
-        flight_refine(&flights[i], bvh, narrow);
-    gn_ref_certified_end(call, &flights[i]);
-    if (gn_ref_certified_next(call, &flights[i]))
-        turn_add(turn, flights, i, bvh, narrow);
-}
-
-/*
- * Rays in flight take their steps in turns: first the arithmetic for all, free of branches so that the processor
- * overlaps it, then what depends on its outcome.
- */
-static inline void run_batch(struct gn_ref_certified *call, bool narrow)
-{
-    const struct gn_ref_bvh *bvh = &call->scene->bvh;
-    struct gn_ref_flight flights[FLIGHTS];
-    uint32_t keys[FLIGHTS][GN_REF_NODE_WIDTH];
-    unsigned met[FLIGHTS];
-    struct turn turn = {0};
-    for (unsigned i = 0; i < FLIGHTS && gn_ref_certified_next(call, &flights[i]); i++)
-        turn_add(&turn, flights, i, bvh, narrow);
-    while (turn.count[0] + turn.count[1] > 0) {
-        /* Whoever stays in a list is written before the place that is read. */
-        size_t count = turn.count[0];
-        for (size_t n = 0; n < count; n++)
-            met[n] = node_test(keys[n], &flights[turn.list[0][n]], bvh);
-        turn.count[0] = 0;
-        for (size_t n = 0; n < count; n++) {
-            unsigned i = turn.list[0][n];
-            if (node_leave(&flights[i], bvh, keys[n], met[n], false, narrow))
-                turn_add(&turn, flights, i, bvh, narrow);
-            else
-                flight_land(call, &turn, flights, i, narrow);
-        }
-        count = turn.count[1];
-        for (size_t n = 0; n < count; n++)
-            met[n] = leaf_test(&flights[turn.list[1][n]], bvh, narrow);
-        for (size_t n = 0; !narrow && n < count; n++)
-            for (unsigned open = met[n]; open; open &= open - 1)
-                prefetch_triangle(bvh, flights[turn.list[1][n]].current, (unsigned)__builtin_ctz(open));
-        turn.count[1] = 0;
-        for (size_t n = 0; n < count; n++) {
-            unsigned i = turn.list[1][n];
-            leaf_leave(call, &flights[i], bvh, met[n], narrow);
-            if (flight_pop(&flights[i]))
-                turn_add(&turn, flights, i, bvh, narrow);
-            else
-                flight_land(call, &turn, flights, i, narrow);
-        }
-    }
-}
-
-/* Three axes at once, and one that is not used. */
-typedef double v4 __attribute__((vector_size(32)));
-typedef int64_t m4 __attribute__((vector_size(32)));
+typedef gn_ref_v4 v4;
+typedef gn_ref_m4 m4;
 typedef float v4_f32 __attribute__((vector_size(16)));
 typedef int32_t m4_32 __attribute__((vector_size(16)));
 
-bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+/*
+ * A ray as a tree sees it; s is t times `length`, 0 standing for the largest
+ * component of d. False when it is outside the range of certified.h. `turn` is left to the caller.
+ */
+static inline bool frame_set(struct gn_ref_frame *frame, const struct gn_ref_bvh *bvh,
+                             const struct gn_ref_local_ray *ray, double length)
 {
-    const struct gn_ref_bvh *bvh = &scene->bvh;
     const m4 sign_bits = (m4){INT64_MIN, INT64_MIN, INT64_MIN, INT64_MIN};
-    const v4 o = {ray->origin[0], ray->origin[1], ray->origin[2], 0};
-    const v4 d = {ray->direction[0], ray->direction[1], ray->direction[2], 1};
+    const double origin_error = ray->origin_error, direction_error = ray->direction_error;
+    v4 o, d;
+    memcpy(&o, ray->origin, sizeof o);
+    memcpy(&d, ray->direction, sizeof d);
     const v4 p = o - (v4){bvh->centre[0], bvh->centre[1], bvh->centre[2], 0};
-    const v4 far = (v4)((m4)p & ~sign_bits) + (v4){bvh->half[0], bvh->half[1], bvh->half[2], 0};
-    double reach = far[0] > far[1] ? far[0] : far[1];
-    reach = (reach > far[2] ? reach : far[2]) * (1 + 0x1p-40);
-    if (!(reach >= GN_REF_LEAST_REACH && reach <= GN_REF_MOST_REACH))
-        return false;
-    const v4 size = (v4)((m4)d & ~sign_bits);
+    const v4 size = GN_REF_V4_ABS(d), far = GN_REF_V4_ABS(p) + (v4){bvh->half[0], bvh->half[1], bvh->half[2], 0};
     int z = size[1] > size[0] ? 1 : 0;
     z = size[2] > size[z] ? 2 : z;
     int x = z == 2 ? 0 : z + 1, y = z == 0 ? 2 : z - 1;
-    double depth = d[z], length = size[z], inverse_depth = 1 / depth;
+    double depth = d[z], own_length = size[z], inverse_depth = 1 / depth;
+    double unit = length == 0 ? 1 : length / own_length;
+    double reach = most_of(far[0], most_of(far[1], far[2])) * (1 + 0x1p-40);
+    reach = most_of(most_of(reach, GN_REF_LEAST_REACH), GN_REF_LEAST_REACH / unit);
+    double spread = (origin_error + reach * (direction_error / own_length)) * (1 + 0x1p-20);
+    if (!(reach <= GN_REF_MOST_REACH && reach * unit <= GN_REF_MOST_REACH && spread <= reach))
+        return false;
     /* Components below 2^-30 of the largest count as that, so that nothing divides by 0. */
-    const double least = length * 0x1p-30;
-    const v4 floor_size = {least, least, least, 1}, lengths = {length, length, length, 1};
+    const double least = own_length * 0x1p-30, world_length = length == 0 ? own_length : length;
+    const v4 floor_size = {least, least, least, own_length};
     const m4 large = size >= floor_size;
     const v4 g = (v4)(((m4)d & sign_bits) | (large & (m4)size) | (~large & (m4)floor_size));
-    const v4 inverse = lengths / g, along = p * inverse;
-    const v4 delta = (v4)((m4)inverse & ~sign_bits) * (4 * 0x1p-24 * reach);
+    const v4 inverse = GN_REF_V4_ALL(world_length) / g, along = p * inverse;
+    const v4 delta = GN_REF_V4_ABS(inverse) * (4 * 0x1p-24 * reach + 2 * spread);
     const v4_f32 scale = __builtin_convertvector(inverse, v4_f32);
     const v4_f32 near_bias = __builtin_convertvector(along + delta, v4_f32);
     const v4_f32 far_bias = __builtin_convertvector(along - delta, v4_f32);
@@ -624,20 +566,14 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
     _Static_assert(offsetof(struct gn_ref_node, upper) - offsetof(struct gn_ref_node, lower) == 96 &&
                        offsetof(struct gn_ref_node, lower) == 0,
                    "the offsets above");
-    memcpy(flight->scale, &scale, sizeof scale);
-    memcpy(flight->near_bias, &near_bias, sizeof near_bias);
-    memcpy(flight->far_bias, &far_bias, sizeof far_bias);
-    memcpy(flight->near_offset, &near_offset, sizeof near_offset);
-    memcpy(flight->far_offset, &far_offset, sizeof far_offset);
+    memcpy(frame->scale, &scale, sizeof scale);
+    memcpy(frame->near_bias, &near_bias, sizeof near_bias);
+    memcpy(frame->far_bias, &far_bias, sizeof far_bias);
+    memcpy(frame->near_offset, &near_offset, sizeof near_offset);
+    memcpy(frame->far_offset, &far_offset, sizeof far_offset);
 
-    bool sharp = bvh->quantum > 0 && reach < 0x1p52 * bvh->quantum;
-    const int axes[3] = {x, y, z};
-    for (int i = 0; i < 3; i++) {
-        flight->axis[i] = (uint32_t)axes[i];
-        flight->local[i] = p[axes[i]];
-        flight->origin[i] = ray->origin[axes[i]];
-        flight->direction[i] = ray->direction[axes[i]];
-    }
+    bool exact = origin_error == 0 && direction_error == 0;
+    bool sharp = exact && bvh->quantum > 0 && reach < 0x1p52 * bvh->quantum;
     if (sharp) {
         /* Products by a power of two are exact, and whole numbers when they come back from 64 bits as they were. */
         const v4 multiple = o * bvh->inverse_quantum;
@@ -647,47 +583,249 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
             sharp = (same[0] & same[1] & same[2]) != 0;
         }
     }
-    for (int i = 0; i < 2; i++) {
-        double shear = flight->direction[i] * inverse_depth, first = (float)shear;
-        double rest = (flight->direction[i] - first * depth) * inverse_depth;
-        flight->shear_whole[i] = shear;
-        flight->shear_f32[i] = (float)shear;
-        flight->shear_rest[i] = sharp ? rest : 0;
-        flight->shear[i] = sharp ? first : shear;
+    const int axes[3] = {x, y, z};
+    for (int i = 0; i < 3; i++) {
+        frame->axis[i] = (uint32_t)axes[i];
+        frame->local[i] = p[axes[i]];
+        frame->origin[i] = o[axes[i]];
     }
-    flight->split = sharp;
-    flight->sign = depth < 0 ? -1 : 1;
-    flight->length = length;
-    double eps = 8 * 0x1p-53 * reach, h = 0x1p-75 * reach;
-    flight->eps = eps;
-    flight->local_error = 0x1p-49 * reach;
-    flight->bound[0] = sharp ? 6.5 * 0x1p-53 : 0;
-    flight->bound[1] = sharp ? 1.25 * h : 1.5 * eps;
-    flight->bound[2] = sharp ? 4 * h * h : 4 * eps * eps;
-    flight->s_first = ray->tmin * length + 0.0;
-    flight->s_last = ray->tmax * length;
+    for (int i = 0; i < 2; i++) {
+        double component = d[axes[i]], shear = component * inverse_depth, first = (float)shear;
+        double rest = (component - first * depth) * inverse_depth;
+        frame->shear_whole[i] = shear;
+        frame->shear_f32[i] = (float)shear;
+        frame->shear_rest[i] = sharp ? rest : 0;
+        frame->shear[i] = sharp ? first : shear;
+    }
+    frame->bvh = bvh;
+    frame->split = sharp;
+    frame->sign = depth < 0 ? -1 : 1;
+    frame->unit = unit;
+    double eps = 8 * 0x1p-53 * reach + 4 * spread, h = 0x1p-75 * reach;
+    frame->eps = eps;
+    frame->local_error = 0x1p-49 * reach + 2.5 * spread;
+    frame->bound[0] = sharp ? 6.5 * 0x1p-53 : 0;
+    frame->bound[1] = sharp ? 1.25 * h : 1.5 * eps;
+    frame->bound[2] = sharp ? 4 * h * h : 4 * eps * eps;
+    return true;
+}
+
+/* In the world nothing is wrong with it. */
+static inline struct gn_ref_local_ray world_ray(const struct gn_ref_ray *ray)
+{
+    return (struct gn_ref_local_ray){
+        .origin = {ray->origin[0], ray->origin[1], ray->origin[2]},
+        .direction = {ray->direction[0], ray->direction[1], ray->direction[2]},
+    };
+}
+
+bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+{
+    struct gn_ref_frame *world = &flight->frames[0];
+    const struct gn_ref_bvh *bvh = gn_ref_scene_root(scene);
+    const struct gn_ref_local_ray here = world_ray(ray);
+    if (!frame_set(world, bvh, &here, 0))
+        return false;
+    world->turn = 1;
+    for (int i = 0; i < 3; i++)
+        flight->direction[i] = ray->direction[world->axis[i]];
+    flight->length = fabs(flight->direction[2]);
+    flight->inside = 0;
+    flight->floor = 0;
+    flight->lost = false;
+    flight->instance = scene->lone_instance;
+    flight->s_first = ray->tmin * flight->length + 0.0;
+    flight->s_last = ray->tmax * flight->length;
     flight->s_first_f32 = gn_ref_f32_down(flight->s_first < FLT_MAX ? flight->s_first : FLT_MAX);
-    flight->s_limit_f32 = gn_ref_f32_up(flight->s_last < reach ? flight->s_last : reach);
+    flight->s_limit_f32 = gn_ref_f32_up(flight->s_last < GN_REF_MOST_REACH ? flight->s_last : GN_REF_MOST_REACH);
     flight->current = 0;
     flight->depth = 0;
-    flight->best.id = GN_REF_NONE;
+    flight->best.id = GN_REF_NO_ID;
     flight->best.upper = INFINITY;
+    flight->best.zeros = 0;
     flight->ray = ray;
     return true;
 }
 
+/* Into the instance that has been met, if it can be seen at all. */
+static inline bool flight_enter(struct gn_ref_certified *call, struct gn_ref_flight *flight)
+{
+    const struct gn_ref_scene *scene = call->scene;
+    struct gn_ref_frame *frame = &flight->frames[1];
+    uint32_t instance = flight->current & ~GN_REF_LEAF_BIT;
+    struct gn_ref_local_ray ray;
+    bool placed = gn_ref_instance_is_entered(scene, instance, call->forced);
+    if (flight->tests >> GN_REF_EFFECT_MASK & 1) {
+        gn_ref_effect_ran(GN_REF_EFFECT_MASK, 1);
+        if ((scene->instances[instance].mask & flight->ray->cull_mask & 0xFF) == 0)
+            return flight_pop(flight, true);
+    }
+    if (placed) {
+        gn_ref_local_ray_set(&ray, scene, instance, flight->ray);
+        if (call->counts)
+            gn_ref_effect_ran(GN_REF_EFFECT_INSTANCE_TRANSFORMS, 1);
+    } else {
+        ray = world_ray(flight->ray);
+    }
+    frame->turn = placed ? scene->instance_data[instance].determinant_sign : 1;
+    if (!frame_set(frame, gn_ref_scene_tree(scene, instance), &ray, placed ? flight->length : 0)) {
+        flight->lost = true;
+        flight->depth = 0;
+        return false;
+    }
+    flight->inside = 1;
+    flight->instance = instance;
+    flight->floor = flight->depth;
+    flight->current = 0;
+    return true;
+}
+
+/* What is next: a node, a leaf of triangles, or an instance. */
+enum step { STEP_NODE, STEP_LEAF, STEP_INSTANCE, STEP_COUNT };
+static inline enum step flight_next(const struct gn_ref_flight *flight, bool layered)
+{
+    unsigned is_leaf = flight->current >> 31;
+    return (enum step)(layered && !flight->inside ? 2 * is_leaf : is_leaf);
+}
+
+/* One node, leaf or instance; false at the ray's end. */
+static inline bool flight_step(struct gn_ref_certified *call, struct gn_ref_flight *flight, bool layered, bool ahead)
+{
+    const struct gn_ref_frame *frame = frame_of(flight, layered);
+    enum step step = flight_next(flight, layered);
+    if (step == STEP_NODE) {
+        uint32_t keys[GN_REF_NODE_WIDTH];
+        unsigned met = node_test(keys, flight, frame);
+        return node_leave(flight, frame->bvh, keys, met, ahead, layered);
+    }
+    if (step == STEP_INSTANCE)
+        return flight_enter(call, flight);
+    leaf_leave(call, flight, frame, leaf_test(flight, frame));
+    return flight_pop(flight, layered);
+}
+
+static inline void run_one(struct gn_ref_certified *call, struct gn_ref_flight *flight, bool layered, bool ahead)
+{
+    while (flight_step(call, flight, layered, ahead))
+        ;
+    flight_refine(flight, call);
+}
+
+/* With counters of what is visited (effects.h). */
+static __attribute__((noinline)) void run_counted(struct gn_ref_certified *call, struct gn_ref_flight *flight)
+{
+    uint64_t leaves = 0, nodes = 0, triangles = 0;
+    do {
+        const struct gn_ref_bvh *bvh = frame_of(flight, true)->bvh;
+        enum step step = flight_next(flight, call->scene->layered);
+        leaves += step == STEP_LEAF;
+        nodes += step == STEP_NODE;
+        if (step == STEP_LEAF)
+            triangles += bvh->leaves_f32 ? bvh->leaves_f32[flight->current & ~GN_REF_LEAF_BIT].count
+                                         : bvh->leaves_i16[flight->current & ~GN_REF_LEAF_BIT].count;
+    } while (flight_step(call, flight, call->scene->layered, false));
+    flight_refine(flight, call);
+    call->counts->leaves += leaves;
+    call->counts->nodes += nodes;
+    call->counts->triangles += triangles;
+}
+
+/* Which flights are to visit what next. */
+struct turn {
+    unsigned list[STEP_COUNT][FLIGHTS];
+    size_t count[STEP_COUNT];
+};
+
+static inline void turn_add(struct turn *turn, const struct gn_ref_certified *call, const struct gn_ref_flight *flights,
+                            unsigned i, bool layered)
+{
+    enum step step = flight_next(&flights[i], layered);
+    turn->list[step][turn->count[step]++] = i;
+    if (step == STEP_INSTANCE) {
+        uint32_t instance = flights[i].current & ~GN_REF_LEAF_BIT;
+        prefetch(&call->scene->instance_data[instance], sizeof *call->scene->instance_data);
+        prefetch(&call->scene->instances[instance], sizeof *call->scene->instances);
+    } else {
+        prefetch_child(frame_of(&flights[i], layered)->bvh, flights[i].current);
+    }
+}
+
+/* A flight goes on, or has ended and the next ray takes its place. */
+static inline void turn_end(struct turn *turn, struct gn_ref_certified *call, struct gn_ref_flight *flights, unsigned i,
+                            bool goes_on, bool layered)
+{
+    if (!goes_on) {
+        flight_refine(&flights[i], call);
+        gn_ref_certified_end(call, &flights[i]);
+        goes_on = gn_ref_certified_next(call, &flights[i]);
+    }
+    if (goes_on)
+        turn_add(turn, call, flights, i, layered);
+}
+
+/*
+ * Rays in flight take their steps in turns: first the arithmetic for all, free of branches so that the processor
+ * overlaps it, then what depends on its outcome.
+ */
+static inline void run_batch(struct gn_ref_certified *call, bool layered)
+{
+    struct gn_ref_flight flights[FLIGHTS];
+    uint32_t keys[FLIGHTS][GN_REF_NODE_WIDTH];
+    unsigned met[FLIGHTS];
+    struct turn turn = {0};
+    for (unsigned i = 0; i < FLIGHTS && gn_ref_certified_next(call, &flights[i]); i++)
+        turn_add(&turn, call, flights, i, layered);
+    while (turn.count[STEP_NODE] + turn.count[STEP_LEAF] + turn.count[STEP_INSTANCE] > 0) {
+        /* Whoever stays in a list is written before the place that is read. */
+        size_t count = turn.count[STEP_INSTANCE];
+        turn.count[STEP_INSTANCE] = 0;
+        for (size_t n = 0; layered && n < count; n++) {
+            unsigned i = turn.list[STEP_INSTANCE][n];
+            turn_end(&turn, call, flights, i, flight_enter(call, &flights[i]), layered);
+        }
+        count = turn.count[STEP_NODE];
+        for (size_t n = 0; n < count; n++) {
+            const struct gn_ref_flight *flight = &flights[turn.list[STEP_NODE][n]];
+            met[n] = node_test(keys[n], flight, frame_of(flight, layered));
+        }
+        turn.count[STEP_NODE] = 0;
+        for (size_t n = 0; n < count; n++) {
+            unsigned i = turn.list[STEP_NODE][n];
+            const struct gn_ref_bvh *bvh = frame_of(&flights[i], layered)->bvh;
+            turn_end(&turn, call, flights, i, node_leave(&flights[i], bvh, keys[n], met[n], false, layered), layered);
+        }
+        count = turn.count[STEP_LEAF];
+        for (size_t n = 0; n < count; n++) {
+            const struct gn_ref_flight *flight = &flights[turn.list[STEP_LEAF][n]];
+            met[n] = leaf_test(flight, frame_of(flight, layered));
+        }
+        for (size_t n = 0; n < count; n++) {
+            const struct gn_ref_flight *flight = &flights[turn.list[STEP_LEAF][n]];
+            const struct gn_ref_bvh *bvh = frame_of(flight, layered)->bvh;
+            for (unsigned open = bvh->leaves_i16 ? met[n] : 0; open; open &= open - 1)
+                prefetch_triangle(bvh, flight->current, (unsigned)__builtin_ctz(open));
+        }
+        turn.count[STEP_LEAF] = 0;
+        for (size_t n = 0; n < count; n++) {
+            unsigned i = turn.list[STEP_LEAF][n];
+            leaf_leave(call, &flights[i], frame_of(&flights[i], layered), met[n]);
+            turn_end(&turn, call, flights, i, flight_pop(&flights[i], layered), layered);
+        }
+    }
+}
+
 void GN_REF_KERNEL(struct gn_ref_certified *call, struct gn_ref_flight *single)
 {
-    bool narrow = call->scene->bvh.leaves_f32 != NULL;
+    bool layered = call->scene->layered;
     if (single && call->counts)
         run_counted(call, single);
-    else if (single && narrow && call->fits_cache)
-        run_one(call, single, true, false);
-    else if (single && narrow)
-        run_one(call, single, true, true);
-    else if (single)
+    else if (single && !layered && call->fits_cache)
+        run_one(call, single, false, false);
+    else if (single && !layered)
         run_one(call, single, false, true);
-    else if (narrow)
+    else if (single)
+        run_one(call, single, true, !call->fits_cache);
+    else if (layered)
         run_batch(call, true);
     else
         run_batch(call, false);

@@ -15,7 +15,7 @@ static const struct {
     [GN_REF_EFFECT_ANY_HIT] = {"any-hit", "look-ups of a candidate's opacity"},
     [GN_REF_EFFECT_FACE_CULLING] = {"face-culling", "culling tests of a candidate's facing"},
     [GN_REF_EFFECT_MIRRORING] = {"mirroring", "look-ups of how an instance turns the facing"},
-    [GN_REF_EFFECT_INSTANCE_TRANSFORMS] = {"instance-transforms", "vertices and boxes placed by an instance"},
+    [GN_REF_EFFECT_INSTANCE_TRANSFORMS] = {"instance-transforms", "rays, vertices and boxes placed by an instance"},
     [GN_REF_EFFECT_GEOMETRY_TRANSFORMS] = {"geometry-transforms", "vertices placed by a geometry"},
     [GN_REF_EFFECT_AABBS] = {"aabbs", "nodes and boxes tested"},
 };
@@ -91,7 +91,7 @@ bool gn_ref_effects_of(const struct gn_ref_scene *scene, uint32_t flags, uint32_
     if (!scene || !scene->committed)
         return false;
     out->called = gn_ref_effects_called(scene, flags, cull_mask);
-    uint32_t called = out->called, boxes = scene->primitive_count - scene->triangle_count;
+    uint32_t called = out->called, boxes = scene->box_count;
     cull_mask &= 0xFF;
     if (called >> GN_REF_EFFECT_MASK & 1)
         say(out, GN_REF_EFFECT_MASK, "the masks of all instances have 0x%02x in common, the ray's is 0x%02x",

@@ -28,7 +28,7 @@ enum gn_ref_effect {
     GN_REF_EFFECT_ANY_HIT, /* finding out whether a candidate is opaque, and culling by that */
     GN_REF_EFFECT_FACE_CULLING, /* culling by the side that is seen */
     GN_REF_EFFECT_MIRRORING, /* turning the facing round for instances that are mirrored or flip it */
-    GN_REF_EFFECT_INSTANCE_TRANSFORMS, /* placing vertices and boxes by the instance's transform */
+    GN_REF_EFFECT_INSTANCE_TRANSFORMS, /* taking rays into an instance's space, placing vertices and boxes by its transform */
     GN_REF_EFFECT_GEOMETRY_TRANSFORMS, /* placing vertices by the geometry's transform */
     GN_REF_EFFECT_AABBS, /* searching the boxes beside the triangles */
     GN_REF_EFFECT_COUNT

@@ -75,25 +75,69 @@ void gn_ref_environment_leave(const struct gn_ref_environment *environment)
  * larger in magnitude than 2^650, and the bias 2^600, outward, lets a bound pass that equals the origin. Entry then is
  * below -2^599 or above 2^649, exit below -2^649 or above 2^599, where t ranges in [0, 2^278] if finite.
  */
-void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *ray)
+static void prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *ray, const double origin[3],
+                    const double direction[3])
 {
     out->ray = ray;
     int z = 0;
     for (int axis = 0; axis < 3; axis++) {
-        double direction = ray->direction[axis];
-        out->origin[axis] = ray->origin[axis];
-        out->scale[axis] = direction == 0 ? 0x1p800 : 1 / direction;
-        out->bias[axis] = direction == 0 ? 0x1p600 : 0;
-        out->swap[axis] = direction < 0;
-        if (fabsf(ray->direction[axis]) > fabsf(ray->direction[z]))
+        out->origin[axis] = origin[axis];
+        out->scale[axis] = direction[axis] == 0 ? 0x1p800 : 1 / direction[axis];
+        out->bias[axis] = direction[axis] == 0 ? 0x1p600 : 0;
+        out->swap[axis] = direction[axis] < 0;
+        if (fabs(direction[axis]) > fabs(direction[z]))
             z = axis;
     }
     out->k[0] = (z + 1) % 3;
     out->k[1] = (z + 2) % 3;
     out->k[2] = z;
-    out->depth = ray->direction[z];
+    out->depth = direction[z];
     for (int i = 0; i < 2; i++)
-        out->shear[i] = (double)ray->direction[out->k[i]] / out->depth;
+        out->shear[i] = direction[out->k[i]] / out->depth;
+}
+
+void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *ray)
+{
+    const double origin[3] = {ray->origin[0], ray->origin[1], ray->origin[2]};
+    const double direction[3] = {ray->direction[0], ray->direction[1], ray->direction[2]};
+    prepare(out, ray, origin, direction);
+}
+
+/*
+ * R bounds |w - o| in object space. A hit at t is at most R from the origin along every axis, so t <= R / |d_z|, and up
+ * to it the computed ray is within
+ *     e = origin_error + R direction_error / |d_z|
+ * of the real one, in each coordinate. Its slabs meet the real hit's t when the box is wider by e on every side; 2^-48 R covers
+ * what is rounded here and in the slab test, and components below 2^-100 of d_z, which count as 0. In the filter a
+ * vertex's coordinate relative to the ray is wrong by e for the origin and its part of the slope's: as a vertex wrong
+ * by e would be, and as z is, 2 e cover both (certified.h has the terms).
+ */
+double gn_ref_ray_prepare_object(struct gn_ref_ray_setup *out, const struct gn_ref_scene *scene, uint32_t instance,
+                                 const struct gn_ref_ray *ray)
+{
+    struct gn_ref_local_ray object;
+    const struct gn_ref_bvh *tree = gn_ref_scene_tree(scene, instance);
+    gn_ref_local_ray_set(&object, scene, instance, ray);
+    double origin[3], direction[3], reach = 0, length = 0;
+    for (int axis = 0; axis < 3; axis++) {
+        length = fmax(length, fabs(object.direction[axis]));
+        reach = fmax(reach, fabs(object.origin[axis] - tree->centre[axis]) + tree->half[axis]);
+    }
+    double spread = object.origin_error + reach * (object.direction_error / length);
+    bool usable = length >= 0x1p-300 && length <= 0x1p300 && reach <= 0x1p300 && spread <= reach;
+    for (int axis = 0; axis < 3; axis++) {
+        bool counts = fabs(object.direction[axis]) >= 0x1p-100 * length;
+        origin[axis] = usable ? object.origin[axis] : 0;
+        direction[axis] = !usable ? 1 : counts ? object.direction[axis] : 0;
+    }
+    prepare(out, ray, origin, direction);
+    for (int axis = 0; axis < 3; axis++) {
+        if (usable)
+            out->bias[axis] += fabs(out->scale[axis]) * (1.01 * spread + 0x1p-48 * reach);
+        else
+            out->scale[axis] = 0, out->bias[axis] = INFINITY;
+    }
+    return usable ? 2 * spread : INFINITY;
 }
 
 /*
@@ -169,7 +213,7 @@ CLONES void gn_ref_filter_block_f64(struct gn_ref_filter *out, const struct gn_r
         /* Written so that a NaN is out of range. */
         bool in_range = size[l] >= LEAST_SIZE && out->vertex_error[l] <= MOST_ERROR;
         bool missed = in_range && positive > 0 && negative > 0;
-        used |= (unsigned)(block->id[l] != GN_REF_NONE) << l;
+        used |= (unsigned)(block->id[l] != GN_REF_NO_ID) << l;
         open |= (unsigned)!missed << l;
         certain |= (unsigned)(in_range && (positive == 3 || negative == 3)) << l;
     }

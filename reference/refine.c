@@ -79,26 +79,27 @@ static struct pair cross(struct pair a, struct pair b, struct pair c, struct pai
 bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn_ref_flight *flight,
                              const struct gn_ref_scene *scene)
 {
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, candidate->id);
-    const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, candidate->id);
+    const struct gn_ref_frame *world = &flight->frames[0];
+    const struct gn_ref_instance *instance = &scene->instances[primitive.instance];
     const struct gn_ref_blas *blas = &scene->blases[instance->blas];
-    const struct gn_ref_geometry *geometry = &blas->geometries[primitive->geometry];
+    const struct gn_ref_geometry *geometry = &blas->geometries[primitive.geometry];
     const double unit = 0x1p-53;
-    if (geometry->divisor != 1 || !blas->matrices[primitive->geometry].identity)
+    if (geometry->divisor != 1 || !blas->matrices[primitive.geometry].identity)
         return false;
     bool placed = gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
-                                        !scene->instance_data[primitive->instance].matrix.identity, 3);
+                                        !scene->instance_data[primitive.instance].matrix.identity, 3);
     const float *transform = placed ? instance->transform : gn_ref_identity;
     struct pair x[3], y[3], z[3], edge[3];
     double most = 0;
     for (int v = 0; v < 3; v++) {
-        const double *position = geometry->positions[geometry->triangles[primitive->primitive][v]];
+        const double *position = geometry->positions[geometry->triangles[primitive.primitive][v]];
         struct pair a[3];
         for (int i = 0; i < 3; i++) {
-            uint32_t axis = flight->axis[i];
+            uint32_t axis = world->axis[i];
             const float *m = transform + 4 * axis;
             struct pair sum = {placed ? m[3] : position[axis], 0};
-            double size = fabs(sum.high) + fabs(flight->origin[i]);
+            double size = fabs(sum.high) + fabs(world->origin[i]);
             if ((double)(float)position[axis] != position[axis])
                 return false;
             for (int j = 0; placed && j < 3; j++) {
@@ -106,7 +107,7 @@ bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn
                 sum = pair_add(sum, (struct pair){product, 0});
                 size += fabs(product);
             }
-            a[i] = pair_add(sum, (struct pair){-flight->origin[i], 0});
+            a[i] = pair_add(sum, (struct pair){-world->origin[i], 0});
             most = size > most ? size : most;
         }
         const struct pair dx = {flight->direction[0], 0}, dy = {flight->direction[1], 0}, dz = {flight->direction[2], 0};
@@ -130,7 +131,7 @@ bool gn_ref_candidate_refine(struct gn_ref_candidate *candidate, const struct gn
     candidate->beta = b.high;
     candidate->gamma = c.high;
     candidate->barycentric_error = f + unit * fmax(b.high, c.high);
-    candidate->s = flight->sign * s.high;
+    candidate->s = world->sign * s.high;
     candidate->s_error = (f * (fabs(p.high) + fabs(q.high)) + 128 * square * most + unit * fabs(s.high)) * (1 + 0x1p-50);
     return gn_ref_candidate_accurate(candidate);
 }

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* The scene model: what is added is checked and copied; commit places every active primitive in the world. */
+/* The scene model: what is added is checked and copied; commit builds the trees. */
 #include "reference/scene.h"
 
 #include <math.h>
@@ -11,7 +11,7 @@
 
 #include "reference/scene_internal.h"
 
-/* Of all instances together. Keeps every index of the tree below its leaf bit. */
+/* Of all instances together. Keeps every index of a tree below its leaf bit. */
 #define MAX_PRIMITIVES (UINT32_C(1) << 30)
 
 static bool __attribute__((format(printf, 2, 3))) fail(struct gn_ref_scene *scene, const char *format, ...)
@@ -51,7 +51,10 @@ void gn_ref_scene_destroy(struct gn_ref_scene *scene)
     free(scene->instances);
     free(scene->instance_data);
     free(scene->boxes);
-    gn_ref_bvh_finish(&scene->bvh);
+    for (uint32_t t = 0; t < scene->tree_count; t++)
+        gn_ref_bvh_finish(&scene->trees[t]);
+    free(scene->trees);
+    gn_ref_bvh_finish(&scene->instance_bvh);
     gn_ref_bvh_finish(&scene->box_bvh);
     free(scene);
 }
@@ -315,6 +318,37 @@ static struct gn_ref_vertex vertex_place(const struct gn_ref_geometry *geometry,
     return vertex;
 }
 
+static struct placing placing_of(const struct gn_ref_scene *scene, uint32_t instance, uint32_t geometry_index, uint64_t times)
+{
+    const struct gn_ref_blas *blas = &scene->blases[scene->instances[instance].blas];
+    const struct gn_ref_geometry *geometry = &blas->geometries[geometry_index];
+    struct placing placing = {0};
+    if (gn_ref_effect_applies(GN_REF_EFFECT_GEOMETRY_TRANSFORMS, !blas->matrices[geometry_index].identity, times))
+        placing.geometry = geometry->transform ? geometry->transform : gn_ref_identity;
+    return placing;
+}
+
+static void placing_add_instance(struct placing *placing, const struct gn_ref_scene *scene, uint32_t instance, uint64_t times)
+{
+    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !scene->instance_data[instance].matrix.identity, times))
+        placing->instance = scene->instances[instance].transform;
+}
+
+void gn_ref_triangle_place(const struct gn_ref_scene *scene, const struct gn_ref_primitive *primitive, double out[3][3],
+                           double *out_error)
+{
+    const struct gn_ref_geometry *geometry =
+        &scene->blases[scene->instances[primitive->instance].blas].geometries[primitive->geometry];
+    struct placing placing = placing_of(scene, primitive->instance, primitive->geometry, 3);
+    placing_add_instance(&placing, scene, primitive->instance, 3);
+    *out_error = 0;
+    for (int v = 0; v < 3; v++) {
+        struct gn_ref_vertex vertex = vertex_place(geometry, geometry->triangles[primitive->primitive][v], &placing);
+        memcpy(out[v], vertex.w, sizeof vertex.w);
+        *out_error = fmax(*out_error, vertex.error);
+    }
+}
+
 static float round_down(double value)
 {
     float rounded = (float)value;
@@ -367,10 +401,60 @@ static struct gn_ref_interval interval_of(double value, double error)
     return (struct gn_ref_interval){nextafter(value - error, -INFINITY), nextafter(value + error, INFINITY)};
 }
 
+/* The most by which inverting may magnify errors: |M^-1| |M|, the largest sum of a row. */
+#define MOST_SKEW 0x1p14
+
+/*
+ * The inverse X of the linear part M, every entry with a relative error below 4.1 u, u = 2^-53: a cofactor is the
+ * difference of two exact products and rounded by u; the determinant is summed in pairs of f64, wrong by 2^-100 of the
+ * sum of its terms' magnitudes, which is below 2^-55 of itself as it is asked to be at least 2^-45 of them, and
+ * rounded by u twice; the quotient once. Nothing leaves f64's range: cofactors are 0 or 2^-298 .. 2^257,
+ * determinants 2^-447 .. 2^386.
+ *
+ * A point at q = o - T then has the image X q with an error of at most 9 u |X| |q| component by component (4.1 u from X, u
+ * from q where that is rounded, 3 u from products and sums), and |X| |q| <= |X| |M| |M^-1 q|. False where |X| |M|
+ * is too large for that to be of use.
+ */
+static bool inverse_set(struct gn_ref_instance_data *data, const float m[12])
+{
+    double cofactor[3][3], rest[3][3], high = 0, low = 0, size = 0; /* cofactor[row][column] of m[row][column] */
+    for (int row = 0; row < 3; row++)
+        for (int column = 0; column < 3; column++) {
+            int r1 = (row + 1) % 3, r2 = (row + 2) % 3, c1 = (column + 1) % 3, c2 = (column + 2) % 3;
+            double a = (double)m[4 * r1 + c1] * m[4 * r2 + c2], b = (double)m[4 * r1 + c2] * m[4 * r2 + c1], d = a - b;
+            double other = d - a;
+            cofactor[row][column] = d;
+            rest[row][column] = (a - (d - other)) - (b + other);
+        }
+    for (int column = 0; column < 3; column++) {
+        double factor = m[column], product = cofactor[0][column] * factor, sum = high + product, other = sum - high;
+        low += fma(cofactor[0][column], factor, -product) + rest[0][column] * factor;
+        low += (high - (sum - other)) + (product - other);
+        high = sum;
+        size += fabs(product);
+    }
+    double determinant = high + low, skew = 0;
+    if (!(fabs(determinant) >= 0x1p-45 * size) || determinant == 0)
+        return false;
+    for (int row = 0; row < 3; row++) {
+        double sum = 0;
+        for (int column = 0; column < 3; column++) {
+            data->inverse[column][row] = cofactor[column][row] / determinant;
+            for (int k = 0; k < 3; k++)
+                sum += fabs(data->inverse[column][row] * m[4 * column + k]);
+        }
+        data->inverse[row][3] = 0;
+        skew = fmax(skew, sum);
+    }
+    return skew <= MOST_SKEW;
+}
+
 static void instance_prepare(struct gn_ref_instance_data *data, const float m[12])
 {
     double determinant = 0, determinant_error = 0;
     gn_ref_matrix_prepare(&data->matrix, m);
+    data->shared = inverse_set(data, m);
+    data->tree = GN_REF_NONE;
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 3; column++) {
             /* adjugate[row][column] is the cofactor of m[column][row] */
@@ -413,183 +497,316 @@ static bool triangle_degenerate(struct gn_ref_exact *exact, const struct gn_ref_
     return gn_ref_triangle_degenerate_exact(exact, scene, primitive);
 }
 
-/* What commit collects, in growing arrays of one length. */
-struct flattening {
+/* What commit shares: the builder's device and scratch memory. */
+struct commit {
+    struct gn_ref_scene *scene;
+    struct RTCDeviceTy *device;
+    struct gn_ref_exact exact;
+};
+
+static bool out_of_memory(struct gn_ref_scene *scene, uint64_t count, const char *what)
+{
+    return fail(scene, "out of memory for %llu %s", (unsigned long long)count, what);
+}
+
+/* The primitives of one tree, in arrays of one length. */
+struct gathering {
     struct gn_ref_primitive *primitives;
     struct gn_ref_bounds *bounds;
     struct gn_ref_vertex (*triangles)[3];
     uint32_t count;
 };
 
-static void flatten_triangles(struct gn_ref_scene *scene, struct flattening *flat, struct gn_ref_exact *exact,
-                              uint32_t instance, uint32_t geometry_index, struct gn_ref_vertex *vertices)
+static void gathering_finish(struct gathering *gathering)
 {
+    free(gathering->primitives);
+    free(gathering->bounds);
+    free(gathering->triangles);
+}
+
+static void gather_triangles(struct gathering *out, struct commit *commit, uint32_t instance, uint32_t geometry_index,
+                             bool in_world, struct gn_ref_vertex *vertices)
+{
+    struct gn_ref_scene *scene = commit->scene;
     const struct gn_ref_geometry *geometry =
         &scene->blases[scene->instances[instance].blas].geometries[geometry_index];
-    const struct gn_ref_matrix *of_geometry =
-        &scene->blases[scene->instances[instance].blas].matrices[geometry_index];
-    struct placing placing = {0};
-    if (gn_ref_effect_applies(GN_REF_EFFECT_GEOMETRY_TRANSFORMS, !of_geometry->identity, geometry->position_count))
-        placing.geometry = geometry->transform ? geometry->transform : gn_ref_identity;
-    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !scene->instance_data[instance].matrix.identity,
-                              geometry->position_count))
-        placing.instance = scene->instances[instance].transform;
+    struct placing placing = placing_of(scene, instance, geometry_index, geometry->position_count);
+    if (in_world)
+        placing_add_instance(&placing, scene, instance, geometry->position_count);
     for (uint32_t i = 0; i < geometry->position_count; i++)
         vertices[i] = vertex_place(geometry, i, &placing);
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
         if (triangle_inactive(geometry, i))
             continue;
         struct gn_ref_primitive primitive = {instance, geometry_index, i};
-        struct gn_ref_vertex *corners = flat->triangles[flat->count];
+        struct gn_ref_vertex *corners = out->triangles[out->count];
         struct gn_ref_bounds bounds = nothing;
         for (int j = 0; j < 3; j++) {
             corners[j] = vertices[geometry->triangles[i][j]];
             for (int axis = 0; axis < 3; axis++)
                 bounds_add(&bounds, axis, corners[j].w[axis], corners[j].error);
         }
-        if (triangle_degenerate(exact, scene, &primitive, corners))
+        /* The same in object space and in the world, the transform being regular. */
+        if (triangle_degenerate(&commit->exact, scene, &primitive, corners))
             continue;
-        flat->primitives[flat->count] = primitive;
-        flat->bounds[flat->count++] = bounds;
+        out->primitives[out->count] = primitive;
+        out->bounds[out->count++] = bounds;
     }
 }
 
-static void flatten_boxes(struct gn_ref_scene *scene, struct flattening *flat, uint32_t instance,
-                          uint32_t geometry_index)
+/* The tree of an instance's triangles, in the world or in object space. Without triangles there is none: GN_REF_NONE. */
+static bool tree_add(struct commit *commit, uint32_t instance, bool in_world, uint32_t *out_tree)
 {
-    const struct gn_ref_geometry *geometry =
-        &scene->blases[scene->instances[instance].blas].geometries[geometry_index];
-    const float *transform = NULL;
-    if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !scene->instance_data[instance].matrix.identity,
-                              geometry->primitive_count))
-        transform = scene->instances[instance].transform;
-    for (uint32_t i = 0; i < geometry->primitive_count; i++) {
-        const float *box = geometry->aabbs[i];
-        /* Inverted boxes contain nothing. */
-        if (isnan(box[0]) || box[0] > box[3] || box[1] > box[4] || box[2] > box[5])
-            continue;
-        flat->primitives[flat->count] = (struct gn_ref_primitive){instance, geometry_index, i};
-        flat->bounds[flat->count++] = box_bounds(box, transform);
-    }
-}
-
-bool gn_ref_scene_commit(struct gn_ref_scene *scene)
-{
-    struct flattening flat = {0};
+    struct gn_ref_scene *scene = commit->scene;
+    const struct gn_ref_blas *blas = &scene->blases[scene->instances[instance].blas];
+    struct gathering gathering = {0};
     struct gn_ref_vertex *vertices = NULL;
-    struct gn_ref_exact exact;
     bool done = false;
-    if (scene->committed)
-        return fail(scene, "the scene is committed twice");
-    struct gn_ref_environment environment;
-    gn_ref_environment_enter(&environment);
-    gn_ref_exact_init(&exact);
-    struct timespec start, end;
-    clock_gettime(CLOCK_MONOTONIC, &start);
+    size_t total = 0, most_positions = 0;
+    *out_tree = GN_REF_NONE;
+    for (uint32_t g = 0; g < blas->geometry_count; g++) {
+        if (blas->geometries[g].type != GN_REF_TRIANGLES)
+            continue;
+        total += blas->geometries[g].primitive_count;
+        if (blas->geometries[g].position_count > most_positions)
+            most_positions = blas->geometries[g].position_count;
+    }
+    if (total == 0)
+        return true;
+    /* One beyond the last: a triangle is placed before it is known to be degenerate. */
+    gathering.primitives = malloc((total + 1) * sizeof *gathering.primitives);
+    gathering.bounds = malloc((total + 1) * sizeof *gathering.bounds);
+    gathering.triangles = malloc((total + 1) * sizeof *gathering.triangles);
+    vertices = malloc((most_positions + 1) * sizeof *vertices);
+    if (!gathering.primitives || !gathering.bounds || !gathering.triangles || !vertices ||
+        !reserve((void **)&scene->trees, scene->tree_count, &scene->tree_capacity, sizeof *scene->trees)) {
+        out_of_memory(scene, total, "triangles");
+        goto out;
+    }
+    for (uint32_t g = 0; g < blas->geometry_count; g++)
+        if (blas->geometries[g].type == GN_REF_TRIANGLES)
+            gather_triangles(&gathering, commit, instance, g, in_world, vertices);
+    const struct gn_ref_bvh_input input = {.primitives = gathering.primitives, .bounds = gathering.bounds,
+                                           .triangles = (const struct gn_ref_vertex (*)[3])gathering.triangles,
+                                           .count = gathering.count};
+    done = gathering.count == 0 || gn_ref_bvh_build(&scene->trees[scene->tree_count], &input, commit->device,
+                                                    scene->error, sizeof scene->error);
+    if (done && gathering.count > 0)
+        *out_tree = scene->tree_count++;
+out:
+    gathering_finish(&gathering);
+    free(vertices);
+    return done;
+}
 
-    uint64_t totals[2] = {0};
-    bool any = false; /* geometry of an instance */
-    uint32_t most_positions = 0;
-    scene->common_mask = 0xFF;
-    scene->opacity = 1;
-    scene->instance_data = calloc(scene->instance_count ? scene->instance_count : 1, sizeof *scene->instance_data);
-    if (!scene->instance_data) {
-        fail(scene, "out of memory for %u instances", scene->instance_count);
+/* Extends bounds by a node's children, or what is below them as well, placed by a transform. */
+static void node_place(struct gn_ref_bounds *bounds, const struct gn_ref_bvh *tree, uint32_t index, const float m[12],
+                       int levels)
+{
+    const struct gn_ref_node *node = &tree->nodes[index];
+    for (int c = 0; c < GN_REF_NODE_WIDTH && node->child[c] != GN_REF_NONE; c++) {
+        if (levels > 0 && !(node->child[c] & GN_REF_LEAF_BIT)) {
+            node_place(bounds, tree, node->child[c], m, levels - 1);
+            continue;
+        }
+        for (int row = 0; row < 3; row++) {
+            double middle = m[4 * row + 3], extent = 0, size = fabs(middle);
+            for (int j = 0; j < 3; j++) {
+                double factor = m[4 * row + j];
+                double lower = node->lower[j][c] + tree->centre[j], upper = node->upper[j][c] + tree->centre[j];
+                middle += factor * (lower + (upper - lower) / 2);
+                extent += fabs(factor) * ((upper - lower) / 2);
+                size += fabs(factor) * fmax(fabs(lower), fabs(upper));
+            }
+            /* A dozen roundings of numbers that are at most 2 size; without a bound the box is everything. */
+            bounds_add(bounds, row, middle, size <= 0x1p1000 ? extent * (1 + 0x1p-48) + size * 0x1p-48 : INFINITY);
+        }
+    }
+}
+
+static bool instances_build(struct commit *commit, uint32_t live)
+{
+    struct gn_ref_scene *scene = commit->scene;
+    struct gn_ref_bounds *bounds = malloc(live * sizeof *bounds);
+    uint32_t *instances = malloc(live * sizeof *instances), count = 0;
+    bool done = false;
+    if (!bounds || !instances) {
+        out_of_memory(scene, live, "instances");
         goto out;
     }
     for (uint32_t i = 0; i < scene->instance_count; i++) {
+        const struct gn_ref_instance_data *data = &scene->instance_data[i];
+        if (data->tree == GN_REF_NONE)
+            continue;
+        bounds[count] = nothing;
+        node_place(&bounds[count], gn_ref_scene_tree(scene, i), 0,
+                   data->shared ? scene->instances[i].transform : gn_ref_identity, 1);
+        instances[count++] = i;
+    }
+    const struct gn_ref_bvh_input input = {.bounds = bounds, .instances = instances, .count = count};
+    done = gn_ref_bvh_build(&scene->instance_bvh, &input, commit->device, scene->error, sizeof scene->error);
+    scene->layered = done;
+out:
+    free(bounds);
+    free(instances);
+    return done;
+}
+
+static bool triangles_build(struct commit *commit)
+{
+    struct gn_ref_scene *scene = commit->scene;
+    const uint32_t unknown = GN_REF_NONE - 1;
+    uint32_t *of_blas = malloc((scene->blas_count + 1) * sizeof *of_blas), live = 0;
+    bool done = false;
+    if (!of_blas)
+        return out_of_memory(scene, scene->blas_count, "BLASes");
+    for (uint32_t b = 0; b < scene->blas_count; b++)
+        of_blas[b] = unknown;
+    scene->lone_instance = GN_REF_NONE;
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
+        struct gn_ref_instance_data *data = &scene->instance_data[i];
+        uint32_t blas = scene->instances[i].blas;
+        if (blas == GN_REF_NULL_BLAS)
+            continue;
+        uint32_t tree = data->shared ? of_blas[blas] : unknown;
+        if (tree == unknown && !tree_add(commit, i, !data->shared, &tree))
+            goto out;
+        if (data->shared)
+            of_blas[blas] = tree;
+        data->tree = tree;
+        if (tree == GN_REF_NONE)
+            continue;
+        live++;
+        scene->lone_instance = i;
+        scene->triangle_count += scene->trees[tree].triangle_count;
+    }
+    const struct gn_ref_instance_data *lone = live == 1 ? &scene->instance_data[scene->lone_instance] : NULL;
+    bool in_world = lone && (!lone->shared || !gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
+                                                                     !lone->matrix.identity, 0));
+    done = live == 0 || in_world || instances_build(commit, live);
+out:
+    free(of_blas);
+    return done;
+}
+
+static bool boxes_build(struct commit *commit, uint32_t most)
+{
+    struct gn_ref_scene *scene = commit->scene;
+    bool done = false;
+    if (most == 0)
+        return true;
+    struct gn_ref_bounds *bounds = malloc(most * sizeof *bounds);
+    scene->boxes = malloc(most * sizeof *scene->boxes);
+    if (!bounds || !scene->boxes) {
+        out_of_memory(scene, most, "boxes");
+        goto out;
+    }
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
+        const struct gn_ref_blas *blas =
+            scene->instances[i].blas == GN_REF_NULL_BLAS ? NULL : &scene->blases[scene->instances[i].blas];
+        for (uint32_t g = 0; blas && g < blas->geometry_count; g++) {
+            const struct gn_ref_geometry *geometry = &blas->geometries[g];
+            if (geometry->type != GN_REF_AABBS)
+                continue;
+            const float *transform = NULL;
+            if (gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !scene->instance_data[i].matrix.identity,
+                                      geometry->primitive_count))
+                transform = scene->instances[i].transform;
+            for (uint32_t p = 0; p < geometry->primitive_count; p++) {
+                const float *box = geometry->aabbs[p];
+                /* Inverted boxes contain nothing. */
+                if (isnan(box[0]) || box[0] > box[3] || box[1] > box[4] || box[2] > box[5])
+                    continue;
+                bounds[scene->box_count] = box_bounds(box, transform);
+                scene->boxes[scene->box_count++] = (struct gn_ref_primitive){i, g, p};
+            }
+        }
+    }
+    const struct gn_ref_bvh_input input = {.bounds = bounds, .count = scene->box_count};
+    done = gn_ref_bvh_build(&scene->box_bvh, &input, commit->device, scene->error, sizeof scene->error);
+out:
+    free(bounds);
+    return done;
+}
+
+/* What the instances and their geometries have in common, and what is prepared of each. */
+static bool instances_prepare(struct gn_ref_scene *scene, uint64_t out_totals[2])
+{
+    bool any = false; /* geometry of an instance */
+    scene->common_mask = 0xFF;
+    scene->opacity = 1;
+    scene->instance_data = calloc(scene->instance_count ? scene->instance_count : 1, sizeof *scene->instance_data);
+    if (!scene->instance_data || scene->instance_count >= GN_REF_LEAF_BIT)
+        return out_of_memory(scene, scene->instance_count, "instances");
+    for (uint32_t i = 0; i < scene->instance_count; i++) {
         const struct gn_ref_instance *instance = &scene->instances[i];
+        struct gn_ref_instance_data *data = &scene->instance_data[i];
+        data->tree = GN_REF_NONE;
         if (instance->blas == GN_REF_NULL_BLAS)
             continue;
-        scene->instance_data[i].determinant_sign = gn_ref_determinant_sign_exact(instance->transform);
-        if (scene->instance_data[i].determinant_sign == 0) {
-            fail(scene, "instance %u: the transform is singular, expected an invertible one", i);
-            goto out;
-        }
-        instance_prepare(&scene->instance_data[i], instance->transform);
+        data->determinant_sign = gn_ref_determinant_sign_exact(instance->transform);
+        if (data->determinant_sign == 0)
+            return fail(scene, "instance %u: the transform is singular, expected an invertible one", i);
+        instance_prepare(data, instance->transform);
         const struct gn_ref_blas *blas = &scene->blases[instance->blas];
         scene->common_mask &= instance->mask;
         scene->culls |= !(instance->flags & GN_REF_INSTANCE_FACING_CULL_DISABLE);
-        scene->moved_instances += !scene->instance_data[i].matrix.identity;
-        scene->turned |= scene->instance_data[i].determinant_sign < 0 || (instance->flags & GN_REF_INSTANCE_FLIP_FACING);
+        scene->moved_instances += !data->matrix.identity;
+        scene->turned |= data->determinant_sign < 0 || (instance->flags & GN_REF_INSTANCE_FLIP_FACING);
         for (uint32_t g = 0; g < blas->geometry_count; g++) {
-            totals[blas->geometries[g].type] += blas->geometries[g].primitive_count;
+            out_totals[blas->geometries[g].type] += blas->geometries[g].primitive_count;
             scene->moved_geometries += !blas->matrices[g].identity;
             int opaque = (blas->geometries[g].flags & GN_REF_GEOMETRY_OPAQUE) != 0;
             if (instance->flags & (GN_REF_INSTANCE_FORCE_OPAQUE | GN_REF_INSTANCE_FORCE_NO_OPAQUE))
                 opaque = (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE) != 0;
             scene->opacity = !any ? opaque : scene->opacity == opaque ? opaque : -1;
             any = true;
-            if (blas->geometries[g].position_count > most_positions)
-                most_positions = blas->geometries[g].position_count;
         }
     }
-    if (totals[0] >= MAX_PRIMITIVES || totals[1] >= MAX_PRIMITIVES - totals[0]) {
-        fail(scene, "%llu triangles and %llu boxes in all instances together, expected fewer than %u",
-             (unsigned long long)totals[0], (unsigned long long)totals[1], MAX_PRIMITIVES);
-        goto out;
+    if (out_totals[0] >= MAX_PRIMITIVES || out_totals[1] >= MAX_PRIMITIVES - out_totals[0])
+        return fail(scene, "%llu triangles and %llu boxes in all instances together, expected fewer than %u",
+                    (unsigned long long)out_totals[0], (unsigned long long)out_totals[1], MAX_PRIMITIVES);
+    return true;
+}
+
+bool gn_ref_scene_commit(struct gn_ref_scene *scene)
+{
+    struct commit commit = {.scene = scene};
+    if (scene->committed)
+        return fail(scene, "the scene is committed twice");
+    struct gn_ref_environment environment;
+    gn_ref_environment_enter(&environment);
+    gn_ref_exact_init(&commit.exact);
+    struct timespec start, end;
+    clock_gettime(CLOCK_MONOTONIC, &start);
+
+    uint64_t totals[2] = {0};
+    bool done = instances_prepare(scene, totals);
+    if (done && totals[0] + totals[1] > 0) {
+        commit.device = gn_ref_bvh_device_create(scene->error, sizeof scene->error);
+        done = commit.device && triangles_build(&commit) && boxes_build(&commit, (uint32_t)totals[1]);
+        gn_ref_bvh_device_release(commit.device);
     }
-    size_t total = (size_t)(totals[0] + totals[1]);
-    flat.primitives = malloc((total + 1) * sizeof *flat.primitives);
-    flat.bounds = malloc((total + 1) * sizeof *flat.bounds);
-    /* One beyond the last: a triangle is placed before it is known to be degenerate. */
-    flat.triangles = malloc((size_t)(totals[0] + 1) * sizeof *flat.triangles);
-    vertices = malloc(((size_t)most_positions + 1) * sizeof *vertices);
-    if (!flat.primitives || !flat.bounds || !flat.triangles || !vertices) {
-        fail(scene, "out of memory for %zu primitives", total);
-        goto out;
-    }
-    for (int type = GN_REF_TRIANGLES; type <= GN_REF_AABBS; type++) {
-        for (uint32_t i = 0; i < scene->instance_count; i++) {
-            if (scene->instances[i].blas == GN_REF_NULL_BLAS)
-                continue;
-            const struct gn_ref_blas *blas = &scene->blases[scene->instances[i].blas];
-            for (uint32_t g = 0; g < blas->geometry_count; g++) {
-                if ((int)blas->geometries[g].type != type)
-                    continue;
-                if (type == GN_REF_TRIANGLES)
-                    flatten_triangles(scene, &flat, &exact, i, g, vertices);
-                else
-                    flatten_boxes(scene, &flat, i, g);
-            }
-        }
-        if (type == GN_REF_TRIANGLES)
-            scene->triangle_count = flat.count;
-    }
-    uint32_t box_count = flat.count - scene->triangle_count;
-    const struct gn_ref_bvh_input triangles = {.primitives = flat.primitives, .bounds = flat.bounds,
-                                               .triangles = (const struct gn_ref_vertex (*)[3])flat.triangles,
-                                               .count = scene->triangle_count};
-    if (box_count > 0 &&
-        !(scene->boxes = copy(flat.primitives + scene->triangle_count, box_count, sizeof *scene->boxes))) {
-        fail(scene, "out of memory for %u boxes", box_count);
-        goto out;
-    }
-    if (!gn_ref_bvh_build(&scene->bvh, &triangles, scene->error, sizeof scene->error))
-        goto out;
-    scene->first_box = scene->bvh.leaf_count * GN_REF_NODE_WIDTH;
-    const struct gn_ref_bvh_input boxes = {.bounds = flat.bounds + scene->triangle_count,
-                                           .first_id = scene->first_box, .count = box_count};
-    if (!gn_ref_bvh_build(&scene->box_bvh, &boxes, scene->error, sizeof scene->error))
-        goto out;
-    scene->primitive_count = flat.count;
-    clock_gettime(CLOCK_MONOTONIC, &end);
-    scene->commit_seconds = (double)(end.tv_sec - start.tv_sec) + 1e-9 * (double)(end.tv_nsec - start.tv_nsec);
-    scene->committed = true;
-    scene->error[0] = '\0';
-    done = true;
-out:
-    if (!done) {
+    if (done) {
+        clock_gettime(CLOCK_MONOTONIC, &end);
+        scene->commit_seconds = (double)(end.tv_sec - start.tv_sec) + 1e-9 * (double)(end.tv_nsec - start.tv_nsec);
+        scene->committed = true;
+        scene->error[0] = '\0';
+    } else {
         free(scene->instance_data);
         scene->instance_data = NULL;
     }
-    free(flat.primitives);
-    free(flat.bounds);
-    free(flat.triangles);
-    free(vertices);
-    gn_ref_exact_finish(&exact);
+    gn_ref_exact_finish(&commit.exact);
     gn_ref_environment_leave(&environment);
     return done;
+}
+
+uint64_t gn_ref_scene_bytes(const struct gn_ref_scene *scene)
+{
+    uint64_t bytes = gn_ref_bvh_bytes(&scene->instance_bvh) + scene->instance_count * sizeof *scene->instance_data;
+    for (uint32_t t = 0; t < scene->tree_count; t++)
+        bytes += gn_ref_bvh_bytes(&scene->trees[t]);
+    return bytes;
 }
 
 uint32_t gn_ref_scene_instance_count(const struct gn_ref_scene *scene)

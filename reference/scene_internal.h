@@ -1,21 +1,27 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* What the files of the reference share: the flattened scene, the tree over it, and the exact stage. */
+/* What the files of the reference share: the committed scene, its trees, and the exact stage. */
 #ifndef GNOMON_REFERENCE_SCENE_INTERNAL_H
 #define GNOMON_REFERENCE_SCENE_INTERNAL_H
 
 #include <fenv.h>
 #include <gmp.h>
 #include <math.h>
+#include <string.h>
 
 #include "reference/effects.h"
 
 #define GN_REF_NODE_WIDTH 8
 #define GN_REF_BLOCK_WIDTH 4
 #define GN_REF_NONE UINT32_MAX
+#define GN_REF_NO_ID UINT64_MAX
+#define GN_REF_BOX_BIT 0x80000000u
 /* Levels of the tree, root included; the traversal's stack is sized by it. */
 #define GN_REF_MAX_DEPTH 96
 
-/* One active primitive of one instance. Its id says where it is: a triangle's is leaf * 8 + lane, boxes come after. */
+/*
+ * One active primitive of one instance. Its id says where it is: the instance in the upper half; in the lower a box is its
+ * place in gn_ref_scene::boxes with GN_REF_BOX_BIT, a triangle leaf * 8 + lane of the instance's tree.
+ */
 struct gn_ref_primitive {
     uint32_t instance;
     uint32_t geometry;
@@ -29,15 +35,15 @@ struct gn_ref_vertex {
     double error;
 };
 
-/* Four triangles in world space; w[vertex][axis][lane]. Unused lanes repeat a used one, with id GN_REF_NONE. */
+/* Four triangles; w[vertex][axis][lane]. Unused lanes repeat a used one, with id GN_REF_NO_ID. */
 struct gn_ref_block {
     double w[3][3][GN_REF_BLOCK_WIDTH];
     double error[GN_REF_BLOCK_WIDTH];
-    uint32_t id[GN_REF_BLOCK_WIDTH];
+    uint64_t id[GN_REF_BLOCK_WIDTH];
 };
 
 /*
- * The triangles of a leaf where every vertex of the scene is an f32: w[vertex][axis][lane], exactly. No vertex is farther
+ * The triangles of a leaf where every vertex of the tree is an f32: w[vertex][axis][lane], exactly. No vertex is farther
  * along an axis from origin, an f32 close to their middle, than size times extent (the upper half of an f32's bits);
  * size is 2^exponent, and extents are at most 1. Lanes beyond the count repeat lane 0.
  */
@@ -49,7 +55,7 @@ struct gn_ref_leaf_f32 {
     uint8_t count;
     bool fine; /* some vertex is not a multiple of gn_ref_bvh::quantum */
     uint8_t unused[10];
-    struct gn_ref_primitive primitive[GN_REF_NODE_WIDTH];
+    uint32_t geometry[GN_REF_NODE_WIDTH], primitive[GN_REF_NODE_WIDTH];
 };
 
 /*
@@ -67,13 +73,13 @@ struct gn_ref_leaf_i16 {
     uint8_t count;
     uint8_t unused[15];
 };
-_Static_assert(sizeof(struct gn_ref_leaf_f32) == 416 && sizeof(struct gn_ref_leaf_i16) == 192, "lines of a cache");
+_Static_assert(sizeof(struct gn_ref_leaf_f32) == 384 && sizeof(struct gn_ref_leaf_i16) == 192, "lines of a cache");
 
 /* A triangle in f64, with a bound of its vertices' error. w[vertex][axis]. */
 struct gn_ref_triangle_f64 {
     double w[3][3];
     double error;
-    struct gn_ref_primitive primitive;
+    uint32_t geometry, primitive;
 };
 
 #define GN_REF_LEAF_BIT 0x80000000u
@@ -88,7 +94,10 @@ struct gn_ref_node {
     uint32_t unused[8]; /* four lines of a cache */
 };
 
-/* A tree over triangles (leaves of one kind) or over boxes (ids). A leaf has at most GN_REF_NODE_WIDTH. */
+/*
+ * A tree over triangles (leaves of one kind), over boxes (ids) or over instances. A leaf has at most GN_REF_NODE_WIDTH; that of
+ * a tree over instances is one instance, and its index the instance's.
+ */
 struct gn_ref_bvh {
     struct gn_ref_node *nodes; /* the root is the first */
     uint32_t node_count;
@@ -125,6 +134,10 @@ void gn_ref_matrix_prepare(struct gn_ref_matrix *out, const float transform[12])
 
 struct gn_ref_instance_data {
     struct gn_ref_matrix matrix;
+    /* Columns of object from world without the translation, each entry to 4 * 2^-53 of itself (see inverse_set()). */
+    double inverse[3][4];
+    uint32_t tree; /* of gn_ref_scene::trees; GN_REF_NONE: no triangle */
+    bool shared; /* the tree is in object space */
     int determinant_sign; /* exact; 0 for an inactive instance */
     /* Of the linear part of the transform; for the boxes. */
     struct gn_ref_interval adjugate[3][3];
@@ -145,11 +158,19 @@ struct gn_ref_scene {
     uint32_t instance_count, instance_capacity;
     bool committed;
     double commit_seconds; /* by the wall clock */
-    uint32_t triangle_count;
-    uint32_t primitive_count; /* and boxes */
-    uint32_t first_box; /* no triangle's id is as large */
-    struct gn_ref_primitive *boxes; /* id - first_box */
-    struct gn_ref_bvh bvh; /* of the triangles */
+    /*
+     * Triangles. A tree in object space serves all instances of a BLAS; an instance whose inverse magnifies errors too much
+     * has one of its own, in the world. Above them is the tree over the instances, unless there is one tree alone, in the
+     * world: then that is the root.
+     */
+    struct gn_ref_bvh *trees;
+    uint32_t tree_count, tree_capacity;
+    struct gn_ref_bvh instance_bvh;
+    bool layered; /* there is an instance_bvh */
+    uint32_t lone_instance; /* whose tree is the root otherwise; GN_REF_NONE: no triangles at all */
+    uint64_t triangle_count; /* of all instances */
+    uint32_t box_count; /* too */
+    struct gn_ref_primitive *boxes;
     struct gn_ref_bvh box_bvh;
     uint32_t common_mask; /* the bits that the masks of all active instances have */
     bool culls; /* some instance lets faces be culled */
@@ -164,7 +185,7 @@ static inline uint32_t gn_ref_effects_called(const struct gn_ref_scene *scene, u
 {
     bool opaque = (flags & GN_REF_RAY_OPAQUE) || (scene->opacity == 1 && !(flags & GN_REF_RAY_NO_OPAQUE));
     bool culls = scene->culls && (flags & (GN_REF_RAY_CULL_BACK_FACING | GN_REF_RAY_CULL_FRONT_FACING));
-    bool boxes = scene->primitive_count > scene->triangle_count && !(flags & GN_REF_RAY_SKIP_AABBS);
+    bool boxes = scene->box_count > 0 && !(flags & GN_REF_RAY_SKIP_AABBS);
     return (uint32_t)((scene->common_mask & cull_mask & 0xFF) == 0) << GN_REF_EFFECT_MASK |
            (uint32_t)(!opaque || (flags & GN_REF_RAY_CULL_OPAQUE)) << GN_REF_EFFECT_ANY_HIT |
            (uint32_t)culls << GN_REF_EFFECT_FACE_CULLING | (uint32_t)scene->turned << GN_REF_EFFECT_MIRRORING |
@@ -180,15 +201,45 @@ void gn_ref_effect_ran(enum gn_ref_effect effect, uint64_t times);
 bool gn_ref_effect_applies(enum gn_ref_effect effect, bool called, uint64_t times);
 extern const float gn_ref_identity[12];
 
-static inline const struct gn_ref_primitive *gn_ref_scene_primitive(const struct gn_ref_scene *scene, uint32_t id)
+/* The tree that the traversal begins with; only where there are triangles. */
+static inline const struct gn_ref_bvh *gn_ref_scene_root(const struct gn_ref_scene *scene)
 {
-    const struct gn_ref_bvh *bvh = &scene->bvh;
-    uint32_t leaf = id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
-    if (id >= scene->first_box)
-        return &scene->boxes[id - scene->first_box];
-    return bvh->leaves_f32 ? &bvh->leaves_f32[leaf].primitive[lane]
-                           : &bvh->triangles[bvh->leaves_i16[leaf].first + lane].primitive;
+    return scene->layered ? &scene->instance_bvh : &scene->trees[scene->instance_data[scene->lone_instance].tree];
 }
+
+static inline const struct gn_ref_bvh *gn_ref_scene_tree(const struct gn_ref_scene *scene, uint32_t instance)
+{
+    return &scene->trees[scene->instance_data[instance].tree];
+}
+
+static inline uint64_t gn_ref_id(uint32_t instance, uint32_t place)
+{
+    return (uint64_t)instance << 32 | place;
+}
+
+static inline uint32_t gn_ref_id_instance(uint64_t id)
+{
+    return (uint32_t)(id >> 32);
+}
+
+static inline bool gn_ref_id_is_box(uint64_t id)
+{
+    return id & GN_REF_BOX_BIT;
+}
+
+static inline struct gn_ref_primitive gn_ref_scene_primitive(const struct gn_ref_scene *scene, uint64_t id)
+{
+    uint32_t instance = gn_ref_id_instance(id), leaf = (uint32_t)id / GN_REF_NODE_WIDTH, lane = id % GN_REF_NODE_WIDTH;
+    if (gn_ref_id_is_box(id))
+        return scene->boxes[(uint32_t)id & ~GN_REF_BOX_BIT];
+    const struct gn_ref_bvh *tree = gn_ref_scene_tree(scene, instance);
+    if (tree->leaves_f32)
+        return (struct gn_ref_primitive){instance, tree->leaves_f32[leaf].geometry[lane],
+                                         tree->leaves_f32[leaf].primitive[lane]};
+    const struct gn_ref_triangle_f64 *triangle = &tree->triangles[tree->leaves_i16[leaf].first + lane];
+    return (struct gn_ref_primitive){instance, triangle->geometry, triangle->primitive};
+}
+
 /* The order of instance, geometry, primitive: -1, 0, 1. */
 static inline int gn_ref_primitive_compare(const struct gn_ref_primitive *p, const struct gn_ref_primitive *q)
 {
@@ -199,18 +250,42 @@ static inline int gn_ref_primitive_compare(const struct gn_ref_primitive *p, con
     return (p->primitive > q->primitive) - (p->primitive < q->primitive);
 }
 
-/* What a tree is built over: triangles, or, where that is NULL, boxes with ids from first_id on. */
+static inline int gn_ref_id_compare(const struct gn_ref_scene *scene, uint64_t a, uint64_t b)
+{
+    if (gn_ref_id_instance(a) != gn_ref_id_instance(b))
+        return gn_ref_id_instance(a) < gn_ref_id_instance(b) ? -1 : 1;
+    const struct gn_ref_primitive p = gn_ref_scene_primitive(scene, a), q = gn_ref_scene_primitive(scene, b);
+    return gn_ref_primitive_compare(&p, &q);
+}
+
+/* Whether rays are taken into an instance's space, or its triangles are where the world has them. */
+static inline bool gn_ref_instance_is_entered(const struct gn_ref_scene *scene, uint32_t instance, uint32_t forced)
+{
+    const struct gn_ref_instance_data *data = &scene->instance_data[instance];
+    return data->shared && (!data->matrix.identity || (forced >> GN_REF_EFFECT_INSTANCE_TRANSFORMS & 1));
+}
+
+/* What a tree is built over: triangles; or, where those are NULL, boxes that are named by their place; or instances. */
 struct gn_ref_bvh_input {
-    const struct gn_ref_primitive *primitives;
     const struct gn_ref_bounds *bounds; /* contain them */
+    const struct gn_ref_primitive *primitives; /* of triangles */
     const struct gn_ref_vertex (*triangles)[3];
-    uint32_t first_id;
+    const uint32_t *instances; /* NULL: no tree over instances */
     uint32_t count;
 };
+/* Embree's, of one thread; NULL, with a message, when there is none. */
+struct RTCDeviceTy *gn_ref_bvh_device_create(char *error, size_t error_size);
+void gn_ref_bvh_device_release(struct RTCDeviceTy *device);
 /* False, with a message, when memory is short. */
-bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, char *error, size_t error_size);
+bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, struct RTCDeviceTy *device, char *error,
+                      size_t error_size);
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh);
 uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh);
+/* All that is traced triangles by: trees and what is kept of instances. */
+uint64_t gn_ref_scene_bytes(const struct gn_ref_scene *scene);
+/* A triangle in the world, rounded in f64: its corners and the largest distance of a coordinate from the exact one. */
+void gn_ref_triangle_place(const struct gn_ref_scene *scene, const struct gn_ref_primitive *primitive, double out[3][3],
+                           double *out_error);
 
 /* An exact number: numerator / denominator * 2^exponent, denominator > 0. */
 struct gn_ref_ratio {
@@ -288,6 +363,52 @@ struct gn_ref_environment {
 void gn_ref_environment_enter(struct gn_ref_environment *environment);
 void gn_ref_environment_leave(const struct gn_ref_environment *environment);
 
+/*
+ * A ray in an instance's object space: every component of origin and direction is wrong by at most the error (scene.c,
+ * inverse_set(), with a margin for what is rounded here).
+ */
+struct gn_ref_local_ray {
+    double origin[4], direction[4]; /* the last ones are 0 */
+    double origin_error, direction_error;
+};
+
+/* Three components at once, and one that is not used. (Macros: what passes vectors depends on the instruction set.) */
+typedef double gn_ref_v4 __attribute__((vector_size(32)));
+typedef int64_t gn_ref_m4 __attribute__((vector_size(32)));
+#define GN_REF_V4_ALL(a) ((gn_ref_v4){a, a, a, a})
+#define GN_REF_V4_ABS(a) ((gn_ref_v4)((gn_ref_m4)(a) & INT64_MAX))
+
+static inline double gn_ref_most_of_3(const double a[4])
+{
+    double most = a[0] > a[1] ? a[0] : a[1];
+    return most > a[2] ? most : a[2];
+}
+
+static inline void gn_ref_local_ray_set(struct gn_ref_local_ray *out, const struct gn_ref_scene *scene, uint32_t instance,
+                                         const struct gn_ref_ray *ray)
+{
+    const struct gn_ref_instance_data *data = &scene->instance_data[instance];
+    const float *m = scene->instances[instance].transform;
+    gn_ref_v4 origin = {0}, direction = {0}, origin_size = {0}, direction_size = {0};
+    double sizes[2][4];
+    for (int j = 0; j < 3; j++) {
+        gn_ref_v4 column;
+        memcpy(&column, data->inverse[j], sizeof column);
+        double q = ray->origin[j] - (double)m[4 * j + 3], d = ray->direction[j];
+        const gn_ref_v4 a = column * GN_REF_V4_ALL(q), b = column * GN_REF_V4_ALL(d);
+        origin += a;
+        direction += b;
+        origin_size += GN_REF_V4_ABS(a);
+        direction_size += GN_REF_V4_ABS(b);
+    }
+    memcpy(out->origin, &origin, sizeof origin);
+    memcpy(out->direction, &direction, sizeof direction);
+    memcpy(sizes[0], &origin_size, sizeof origin_size);
+    memcpy(sizes[1], &direction_size, sizeof direction_size);
+    out->origin_error = 9.5 * 0x1p-53 * gn_ref_most_of_3(sizes[0]);
+    out->direction_error = 9.5 * 0x1p-53 * gn_ref_most_of_3(sizes[1]);
+}
+
 /* What is computed once per ray. */
 struct gn_ref_ray_setup {
     const struct gn_ref_ray *ray;
@@ -301,6 +422,12 @@ struct gn_ref_ray_setup {
     bool swap[3]; /* the ray enters a box at the upper bound */
 };
 void gn_ref_ray_prepare(struct gn_ref_ray_setup *out, const struct gn_ref_ray *ray);
+/*
+ * The ray in an instance's object space, its slabs widened by what it is wrong by. Gives by how much every coordinate is wrong,
+ * as if the vertices were; infinite when nothing can be said, and then no box is missed.
+ */
+double gn_ref_ray_prepare_object(struct gn_ref_ray_setup *out, const struct gn_ref_scene *scene, uint32_t instance,
+                                 const struct gn_ref_ray *ray);
 
 /* Bit i of the result: child i is not certainly missed within [tmin, limit]; near[i] is where it is entered. */
 unsigned gn_ref_filter_node_f64(double near[GN_REF_NODE_WIDTH], const struct gn_ref_node *node,

@@ -94,17 +94,17 @@ void gn_ref_trace_end(struct gn_ref_trace *trace)
  * The exact t at which the line meets a triangle's plane or (clipped to tmin) enters a box that the ray is known to
  * meet. False when it is parallel to the triangle.
  */
-static bool exact_t(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_ratio *out)
+static bool exact_t(struct gn_ref_trace *trace, uint64_t id, struct gn_ref_ratio *out)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, id);
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, id);
     const struct gn_ref_ray *ray = trace->setup.ray;
     trace->exact_count++;
-    if (id < trace->scene->first_box) {
-        if (gn_ref_triangle_exact(exact, trace->scene, primitive, ray).sum == 0)
+    if (!gn_ref_id_is_box(id)) {
+        if (gn_ref_triangle_exact(exact, trace->scene, &primitive, ray).sum == 0)
             return false;
     } else {
-        gn_ref_box_exact(exact, trace->scene, primitive, ray);
+        gn_ref_box_exact(exact, trace->scene, &primitive, ray);
         if (gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) < 0)
             gn_ref_ratio_set_f64(&exact->t, ray->tmin);
     }
@@ -112,7 +112,7 @@ static bool exact_t(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_ratio
     return true;
 }
 
-static int compare_exact_t(struct gn_ref_trace *trace, uint32_t a, uint32_t b)
+static int compare_exact_t(struct gn_ref_trace *trace, uint64_t a, uint64_t b)
 {
     struct gn_ref_exact *exact = exact_stage(trace);
     struct gn_ref_ratio first;
@@ -127,13 +127,14 @@ static int compare_exact_t(struct gn_ref_trace *trace, uint32_t a, uint32_t b)
 }
 
 /* The triangle in integers of fixed width, where they suffice. */
-bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_lane *out)
+bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint64_t id, struct gn_ref_lane *out)
 {
     if (!trace->integers_ready) {
         gn_ref_ray_integers_prepare(&trace->integers, trace->setup.ray);
         trace->integers_ready = true;
     }
-    if (!gn_ref_triangle_wide(out, trace->scene, gn_ref_scene_primitive(trace->scene, id), &trace->setup, &trace->integers))
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, id);
+    if (!gn_ref_triangle_wide(out, trace->scene, &primitive, &trace->setup, &trace->integers))
         return false;
     trace->wide++;
     return true;
@@ -168,7 +169,7 @@ static void sharpen(struct gn_ref_trace *trace, struct gn_ref_found *found)
 {
     struct gn_ref_lane lane;
     struct gn_ref_estimate estimate;
-    if (found->sharp || found->id >= trace->scene->first_box)
+    if (found->sharp || gn_ref_id_is_box(found->id))
         return;
     found->sharp = true;
     if (!gn_ref_trace_wide(trace, found->id, &lane) || !gn_ref_estimate_f64(&estimate, &lane, &trace->setup))
@@ -191,12 +192,15 @@ static bool same_position(const struct gn_ref_geometry *geometry, uint32_t a, ui
  */
 static bool meets_shared_feature(const struct gn_ref_trace *trace, const struct gn_ref_found *a, const struct gn_ref_found *b)
 {
-    const struct gn_ref_primitive *p = gn_ref_scene_primitive(trace->scene, a->id), *q = gn_ref_scene_primitive(trace->scene, b->id);
-    if (!a->zeros || !b->zeros || p->instance != q->instance || p->geometry != q->geometry)
+    if (!a->zeros || !b->zeros)
+        return false;
+    const struct gn_ref_primitive p = gn_ref_scene_primitive(trace->scene, a->id);
+    const struct gn_ref_primitive q = gn_ref_scene_primitive(trace->scene, b->id);
+    if (p.instance != q.instance || p.geometry != q.geometry)
         return false;
     const struct gn_ref_geometry *geometry =
-        &trace->scene->blases[trace->scene->instances[p->instance].blas].geometries[p->geometry];
-    const uint32_t *v = geometry->triangles[p->primitive], *w = geometry->triangles[q->primitive];
+        &trace->scene->blases[trace->scene->instances[p.instance].blas].geometries[p.geometry];
+    const uint32_t *v = geometry->triangles[p.primitive], *w = geometry->triangles[q.primitive];
     /* The vertices that the point is a combination of: those whose edge function is not 0. */
     unsigned left = ~a->zeros & 7, right = ~b->zeros & 7;
     if (__builtin_popcount(left) != __builtin_popcount(right))
@@ -235,8 +239,7 @@ static int compare_found(struct gn_ref_trace *trace, struct gn_ref_found *a, str
     int order = gn_ref_trace_compare(trace, a, b);
     if (order != 0 || a->id == b->id)
         return order;
-    return gn_ref_primitive_compare(gn_ref_scene_primitive(trace->scene, a->id),
-                                    gn_ref_scene_primitive(trace->scene, b->id));
+    return gn_ref_id_compare(trace->scene, a->id, b->id);
 }
 
 static void accept(struct gn_ref_trace *trace, struct gn_ref_found *found)
@@ -269,14 +272,14 @@ static void accept(struct gn_ref_trace *trace, struct gn_ref_found *found)
     trace->found[trace->count++] = *found;
 }
 
-bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects, uint32_t id,
+bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects, uint64_t id,
                          bool *out_opaque)
 {
     *out_opaque = true;
     if (!(effects & (1u << GN_REF_EFFECT_MASK | 1u << GN_REF_EFFECT_ANY_HIT)))
         return true;
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(scene, id);
-    const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, id);
+    const struct gn_ref_instance *instance = &scene->instances[primitive.instance];
     if (effects >> GN_REF_EFFECT_MASK & 1) {
         gn_ref_effect_ran(GN_REF_EFFECT_MASK, 1);
         if ((instance->mask & ray->cull_mask & 0xFF) == 0)
@@ -285,7 +288,7 @@ bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_r
     if (!(effects >> GN_REF_EFFECT_ANY_HIT & 1))
         return true;
     gn_ref_effect_ran(GN_REF_EFFECT_ANY_HIT, 1);
-    bool opaque = scene->blases[instance->blas].geometries[primitive->geometry].flags & GN_REF_GEOMETRY_OPAQUE;
+    bool opaque = scene->blases[instance->blas].geometries[primitive.geometry].flags & GN_REF_GEOMETRY_OPAQUE;
     if (instance->flags & GN_REF_INSTANCE_FORCE_OPAQUE)
         opaque = true;
     else if (instance->flags & GN_REF_INSTANCE_FORCE_NO_OPAQUE)
@@ -298,7 +301,7 @@ bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_r
     return !(ray->flags & (opaque ? GN_REF_RAY_CULL_OPAQUE : GN_REF_RAY_CULL_NO_OPAQUE));
 }
 
-static bool admitted(const struct gn_ref_trace *trace, uint32_t id, struct gn_ref_found *found)
+static bool admitted(const struct gn_ref_trace *trace, uint64_t id, struct gn_ref_found *found)
 {
     *found = (struct gn_ref_found){.id = id};
     return gn_ref_trace_admits(trace->scene, trace->setup.ray, trace->effects, id, &found->opaque);
@@ -310,23 +313,23 @@ static bool admitted(const struct gn_ref_trace *trace, uint32_t id, struct gn_re
  * is object space itself, a = -(area counted counter-clockwise), and N' = (0, 0, 2 area). In the world
  * d . N = (M d') . (cof(M) N') = det(M) (d' . N'), and d . N = U + V + W.
  */
-bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint32_t id, int sum_sign)
+bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint64_t id, int sum_sign)
 {
     if (!(effects >> GN_REF_EFFECT_MIRRORING & 1))
         return sum_sign < 0;
     gn_ref_effect_ran(GN_REF_EFFECT_MIRRORING, 1);
-    uint32_t instance = gn_ref_scene_primitive(scene, id)->instance;
+    uint32_t instance = gn_ref_id_instance(id);
     bool front = sum_sign * scene->instance_data[instance].determinant_sign < 0;
     return front != ((scene->instances[instance].flags & GN_REF_INSTANCE_FLIP_FACING) != 0);
 }
 
 bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects,
-                                uint32_t id, bool front)
+                                uint64_t id, bool front)
 {
     if (!(effects >> GN_REF_EFFECT_FACE_CULLING & 1))
         return true;
     gn_ref_effect_ran(GN_REF_EFFECT_FACE_CULLING, 1);
-    if (scene->instances[gn_ref_scene_primitive(scene, id)->instance].flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
+    if (scene->instances[gn_ref_id_instance(id)].flags & GN_REF_INSTANCE_FACING_CULL_DISABLE)
         return true;
     return !(ray->flags & (front ? GN_REF_RAY_CULL_FRONT_FACING : GN_REF_RAY_CULL_BACK_FACING));
 }
@@ -342,9 +345,9 @@ bool gn_ref_trace_triangle_exact(struct gn_ref_trace *trace, struct gn_ref_found
 {
     struct gn_ref_exact *exact = exact_stage(trace);
     const struct gn_ref_ray *ray = trace->setup.ray;
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, found->id);
     trace->exact_count++;
-    struct gn_ref_signs signs =
-        gn_ref_triangle_exact(exact, trace->scene, gn_ref_scene_primitive(trace->scene, found->id), ray);
+    struct gn_ref_signs signs = gn_ref_triangle_exact(exact, trace->scene, &primitive, ray);
     if (!gn_ref_signs_meet(&signs) || !facing_admitted(trace, signs.sum, found))
         return false;
     if (isinf(ray->tmin) || gn_ref_ratio_compare_f64(exact, &exact->t, ray->tmin) <= 0)
@@ -372,7 +375,7 @@ static enum placement estimate_place(const struct gn_ref_trace *trace, const str
     return estimate->t.lower > ray->tmin && estimate->t.upper < ray->tmax ? PLACEMENT_INSIDE : PLACEMENT_UNSURE;
 }
 
-static void triangle_consider(struct gn_ref_trace *trace, const struct gn_ref_filter *filter, int lane_index, uint32_t id)
+static void triangle_consider(struct gn_ref_trace *trace, const struct gn_ref_filter *filter, int lane_index, uint64_t id)
 {
     struct gn_ref_found found;
     struct gn_ref_lane lane;
@@ -426,7 +429,7 @@ static double middle(struct gn_ref_interval interval, double *out_error)
     return value;
 }
 
-static void box_consider(struct gn_ref_trace *trace, uint32_t id)
+static void box_consider(struct gn_ref_trace *trace, uint64_t id)
 {
     struct gn_ref_found found;
     if (trace->counts)
@@ -434,11 +437,11 @@ static void box_consider(struct gn_ref_trace *trace, uint32_t id)
     if (!admitted(trace, id, &found) || (trace->setup.ray->flags & GN_REF_RAY_SKIP_AABBS))
         return;
     const struct gn_ref_ray *ray = trace->setup.ray;
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, id);
-    const struct gn_ref_instance *instance = &trace->scene->instances[primitive->instance];
-    const float *box = trace->scene->blases[instance->blas].geometries[primitive->geometry].aabbs[primitive->primitive];
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, id);
+    const struct gn_ref_instance *instance = &trace->scene->instances[primitive.instance];
+    const float *box = trace->scene->blases[instance->blas].geometries[primitive.geometry].aabbs[primitive.primitive];
     struct gn_ref_interval entry, leave;
-    int decision = gn_ref_box_f64(&entry, &leave, &trace->scene->instance_data[primitive->instance],
+    int decision = gn_ref_box_f64(&entry, &leave, &trace->scene->instance_data[primitive.instance],
                                   instance->transform, box, ray);
     if (decision < 0) {
         trace->filtered++;
@@ -451,7 +454,7 @@ static void box_consider(struct gn_ref_trace *trace, uint32_t id)
     } else {
         struct gn_ref_exact *exact = exact_stage(trace);
         trace->exact_count++;
-        if (!gn_ref_box_exact(exact, trace->scene, primitive, ray))
+        if (!gn_ref_box_exact(exact, trace->scene, &primitive, ray))
             return;
         entry = gn_ref_ratio_interval(exact, &exact->t);
         leave = gn_ref_ratio_interval(exact, &exact->t_exit);
@@ -469,9 +472,19 @@ static void box_consider(struct gn_ref_trace *trace, uint32_t id)
     accept(trace, &found);
 }
 
+/* A tree as a ray sees it that has been taken into the tree's space. */
+struct view {
+    const struct gn_ref_bvh *bvh;
+    const struct gn_ref_ray_setup *setup;
+    uint32_t instance; /* not of trees over boxes and instances */
+    bool object; /* that space is an instance's */
+    double error; /* then: of every coordinate */
+};
+
 /* Up to four triangles of a leaf from lane `first` on, as the filter takes them. False when there are none. */
-static bool block_load(struct gn_ref_block *out, const struct gn_ref_bvh *bvh, uint32_t leaf, uint32_t first)
+static bool block_load(struct gn_ref_block *out, const struct view *view, uint32_t leaf, uint32_t first)
 {
+    const struct gn_ref_bvh *bvh = view->bvh;
     const struct gn_ref_leaf_f32 *narrow = bvh->leaves_f32 ? &bvh->leaves_f32[leaf] : NULL;
     uint32_t count = narrow ? narrow->count : bvh->leaves_i16[leaf].count;
     for (uint32_t l = 0; first < count && l < GN_REF_BLOCK_WIDTH; l++) {
@@ -480,29 +493,59 @@ static bool block_load(struct gn_ref_block *out, const struct gn_ref_bvh *bvh, u
         for (int v = 0; v < 3; v++)
             for (int axis = 0; axis < 3; axis++)
                 out->w[v][axis][l] = narrow ? (double)narrow->w[v][axis][lane] : wide->w[v][axis];
-        out->error[l] = narrow ? 0 : wide->error;
-        out->id[l] = first + l < count ? leaf * GN_REF_NODE_WIDTH + lane : GN_REF_NONE;
+        out->error[l] = (narrow ? 0 : wide->error) + view->error;
+        out->id[l] = first + l < count ? gn_ref_id(view->instance, leaf * GN_REF_NODE_WIDTH + lane) : GN_REF_NO_ID;
     }
     return first < count;
 }
 
-static void leaf_visit(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh, uint32_t leaf)
+/* The open triangles of a block in object space, placed in the world. */
+static void block_place(struct gn_ref_block *out, const struct gn_ref_scene *scene, const struct gn_ref_block *block,
+                        unsigned open)
 {
+    for (unsigned l = 0, lane = 0; l < GN_REF_BLOCK_WIDTH; l++) {
+        bool used = open;
+        if (used) {
+            lane = (unsigned)__builtin_ctz(open);
+            open &= open - 1;
+        }
+        const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, block->id[lane]);
+        double w[3][3];
+        gn_ref_triangle_place(scene, &primitive, w, &out->error[l]);
+        for (int v = 0; v < 3; v++)
+            for (int axis = 0; axis < 3; axis++)
+                out->w[v][axis][l] = w[v][axis];
+        out->id[l] = used ? block->id[lane] : GN_REF_NO_ID;
+    }
+}
+
+static void leaf_visit(struct gn_ref_trace *trace, const struct view *view, uint32_t leaf)
+{
+    const struct gn_ref_bvh *bvh = view->bvh;
     if (bvh->boxes) {
-        for (int i = 0; i < GN_REF_NODE_WIDTH && bvh->boxes[leaf][i] != GN_REF_NONE; i++)
-            box_consider(trace, bvh->boxes[leaf][i]);
+        for (int i = 0; i < GN_REF_NODE_WIDTH && bvh->boxes[leaf][i] != GN_REF_NONE; i++) {
+            uint32_t box = bvh->boxes[leaf][i];
+            box_consider(trace, gn_ref_id(trace->scene->boxes[box].instance, box | GN_REF_BOX_BIT));
+        }
         return;
     }
     struct gn_ref_block block;
-    for (uint32_t first = 0; first < GN_REF_NODE_WIDTH && block_load(&block, bvh, leaf, first);
+    for (uint32_t first = 0; first < GN_REF_NODE_WIDTH && block_load(&block, view, leaf, first);
          first += GN_REF_BLOCK_WIDTH) {
         struct gn_ref_filter filter;
-        gn_ref_filter_block_f64(&filter, &block, &trace->setup);
+        gn_ref_filter_block_f64(&filter, &block, view->setup);
         if (trace->counts) {
             trace->counts->leaves += first == 0;
             trace->counts->triangles += (unsigned)__builtin_popcount(filter.used);
         }
         trace->filtered += (unsigned)__builtin_popcount(filter.used & ~filter.open);
+        if (view->object && filter.open) {
+            struct gn_ref_block placed;
+            block_place(&placed, trace->scene, &block, filter.open);
+            block = placed;
+            gn_ref_filter_block_f64(&filter, &block, &trace->setup);
+            trace->filtered += (unsigned)__builtin_popcount(filter.used & ~filter.open);
+        }
         for (unsigned open = filter.open; open; open &= open - 1) {
             int lane = __builtin_ctz(open);
             triangle_consider(trace, &filter, lane, block.id[lane]);
@@ -515,9 +558,12 @@ struct pending {
     double t;
 };
 
+static void instance_visit(struct gn_ref_trace *trace, uint32_t instance);
+
 /* Only what is certainly missed, or certainly beyond the upper end of the best t so far, is skipped. */
-static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
+static void traverse(struct gn_ref_trace *trace, const struct view *view)
 {
+    const struct gn_ref_bvh *bvh = view->bvh;
     struct pending stack[GN_REF_MAX_DEPTH * GN_REF_NODE_WIDTH];
     size_t depth = 0;
     double tmin = trace->setup.ray->tmin;
@@ -529,7 +575,10 @@ static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
         if (top.t > trace->limit * (1 + 0x1p-48))
             continue;
         if (top.child & GN_REF_LEAF_BIT) {
-            leaf_visit(trace, bvh, top.child & ~GN_REF_LEAF_BIT);
+            if (bvh == &trace->scene->instance_bvh)
+                instance_visit(trace, top.child & ~GN_REF_LEAF_BIT);
+            else
+                leaf_visit(trace, view, top.child & ~GN_REF_LEAF_BIT);
             continue;
         }
         const struct gn_ref_node *node = &bvh->nodes[top.child];
@@ -539,7 +588,7 @@ static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
             trace->counts->nodes++;
         double near[GN_REF_NODE_WIDTH];
         size_t base = depth;
-        unsigned met = gn_ref_filter_node_f64(near, node, bvh->centre, &trace->setup, tmin, trace->limit);
+        unsigned met = gn_ref_filter_node_f64(near, node, bvh->centre, view->setup, tmin, trace->limit);
         for (; met; met &= met - 1) {
             int i = __builtin_ctz(met);
             /* Kept with the farthest first, so that the nearest is taken first. */
@@ -550,6 +599,28 @@ static void traverse(struct gn_ref_trace *trace, const struct gn_ref_bvh *bvh)
             }
             stack[place] = (struct pending){node->child[i], near[i]};
         }
+    }
+}
+
+static void instance_visit(struct gn_ref_trace *trace, uint32_t instance)
+{
+    struct gn_ref_ray_setup setup;
+    struct view view = {.bvh = gn_ref_scene_tree(trace->scene, instance), .setup = &trace->setup, .instance = instance};
+    if (gn_ref_instance_is_entered(trace->scene, instance, gn_ref_effects_forced())) {
+        gn_ref_effect_ran(GN_REF_EFFECT_INSTANCE_TRANSFORMS, 1);
+        view.object = true;
+        view.error = gn_ref_ray_prepare_object(&setup, trace->scene, instance, trace->setup.ray);
+        view.setup = &setup;
+    }
+    traverse(trace, &view);
+}
+
+static void traverse_triangles(struct gn_ref_trace *trace)
+{
+    if (trace->scene->triangle_count > 0) {
+        const struct view view = {.bvh = gn_ref_scene_root(trace->scene), .setup = &trace->setup,
+                                  .instance = trace->scene->lone_instance};
+        traverse(trace, &view);
     }
 }
 
@@ -568,26 +639,26 @@ static void refine(struct gn_ref_trace *trace, struct gn_ref_found *found)
     if (accurate(found))
         return;
     struct gn_ref_exact *exact = exact_stage(trace);
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, found->id);
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, found->id);
     trace->exact_count++;
-    bool triangle = found->id < trace->scene->first_box;
+    bool triangle = !gn_ref_id_is_box(found->id);
     if (triangle)
-        gn_ref_triangle_exact(exact, trace->scene, primitive, trace->setup.ray);
+        gn_ref_triangle_exact(exact, trace->scene, &primitive, trace->setup.ray);
     else
-        gn_ref_box_exact(exact, trace->scene, primitive, trace->setup.ray);
+        gn_ref_box_exact(exact, trace->scene, &primitive, trace->setup.ray);
     found_set_exact(found, exact, triangle);
 }
 
 void gn_ref_trace_hit_write(struct gn_ref_trace *trace, struct gn_ref_found *found, struct gn_ref_hit *out)
 {
     refine(trace, found);
-    const struct gn_ref_primitive *primitive = gn_ref_scene_primitive(trace->scene, found->id);
-    bool triangle = found->id < trace->scene->first_box;
+    const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, found->id);
+    bool triangle = !gn_ref_id_is_box(found->id);
     *out = (struct gn_ref_hit){
         .type = triangle ? GN_REF_TRIANGLES : GN_REF_AABBS,
-        .instance = primitive->instance,
-        .geometry = primitive->geometry,
-        .primitive = primitive->primitive,
+        .instance = primitive.instance,
+        .geometry = primitive.geometry,
+        .primitive = primitive.primitive,
         .t = found->t_value,
         .t_exit = triangle ? found->t_value : found->t_exit,
         .beta = found->beta,
@@ -637,9 +708,9 @@ int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn
     if (!gn_ref_trace_begin(&trace, scene, ray))
         return -1;
     if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
-        traverse(&trace, &scene->bvh);
+        traverse_triangles(&trace);
     if (trace.effects >> GN_REF_EFFECT_AABBS & 1)
-        traverse(&trace, &scene->box_bvh);
+        traverse(&trace, &(struct view){.bvh = &scene->box_bvh, .setup = &trace.setup});
     if (trace.failed)
         goto out;
     if (trace.count > 8) {
@@ -665,7 +736,7 @@ int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_r
         return -1;
     trace.closest = true;
     if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
-        traverse(&trace, &scene->bvh);
+        traverse_triangles(&trace);
     int result = trace.count > 0;
     if (result)
         gn_ref_trace_hit_write(&trace, &trace.found[0], out_hit);

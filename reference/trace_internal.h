@@ -7,7 +7,7 @@
 
 /* A primitive that the ray meets: t is the triangle's, or the box's entry clipped to tmin. */
 struct gn_ref_found {
-    uint32_t id;
+    uint64_t id;
     struct gn_ref_interval t;
     double t_value, t_error;
     double t_exit, t_exit_error;
@@ -55,15 +55,15 @@ int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_r
 
 /* What follows runs the code of those effects only whose bits are set in `effects`. */
 /* Mask and opacity: what needs no geometry. */
-bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects, uint32_t id,
+bool gn_ref_trace_admits(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects, uint64_t id,
                          bool *out_opaque);
 /* From the sign of U + V + W in the world. */
-bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint32_t id, int sum_sign);
+bool gn_ref_trace_front(const struct gn_ref_scene *scene, uint32_t effects, uint64_t id, int sum_sign);
 /* Whether face culling lets it pass. */
 bool gn_ref_trace_admits_facing(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, uint32_t effects,
-                                uint32_t id, bool front);
+                                uint64_t id, bool front);
 /* The triangle in integers of fixed width, where they suffice. */
-bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint32_t id, struct gn_ref_lane *out);
+bool gn_ref_trace_wide(struct gn_ref_trace *trace, uint64_t id, struct gn_ref_lane *out);
 /* Everything about one triangle in exact arithmetic; false when the ray does not meet it. */
 bool gn_ref_trace_triangle_exact(struct gn_ref_trace *trace, struct gn_ref_found *found);
 /* The sign of the difference of two t, exactly. Intervals of everything are taken for not known. */

@@ -268,8 +268,7 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
 static bool certified_create(struct gn_ref_tracer *tracer)
 {
     const struct gn_ref_scene *scene = tracer->scene;
-    tracer->cost.bytes = malloc_usable_size(scene->instance_data) + malloc_usable_size(scene->boxes) +
-                         gn_ref_bvh_bytes(&scene->bvh) + gn_ref_bvh_bytes(&scene->box_bvh);
+    tracer->cost.bytes = gn_ref_scene_bytes(scene) + malloc_usable_size(scene->boxes) + gn_ref_bvh_bytes(&scene->box_bvh);
     tracer->cost.seconds = scene->commit_seconds;
     return true;
 }
@@ -332,7 +331,7 @@ enum { PART = 1024 };
 /* False where boxes may count for one of the rays. */
 static bool part_is_of_triangles(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count)
 {
-    if (scene->triangle_count == scene->primitive_count && !gn_ref_effects_forced())
+    if (scene->box_count == 0 && !gn_ref_effects_forced())
         return true;
     for (size_t i = 0; i < count; i++)
         if (boxes_count(scene, &rays[i]))
