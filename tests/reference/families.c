@@ -373,6 +373,74 @@ static void make_instanced(struct made_scene *made, struct rng *rng, uint32_t tr
         made->scene.instances[0].blas = GN_REF_NULL_BLAS;
 }
 
+/* A transform of one of the kinds that a search in object space finds hard; `before` are the instances there are. */
+static void bad_transform(struct rng *rng, const struct gn_ref_instance *before, uint32_t count, float out[12])
+{
+    random_transform(rng, 1, out);
+    switch (rng_below(rng, 7)) {
+    case 0: { /* from 1e-6 to 1e6 */
+        double scale = pow(10, 6 * symmetric(rng));
+        for (int i = 0; i < 12; i++)
+            out[i] = (float)(out[i] * (i % 4 == 3 ? 1 : scale));
+        break;
+    }
+    case 1: /* each axis another scale, mirrored or not */
+        for (int c = 0; c < 3; c++) {
+            double scale = pow(10, 3 * symmetric(rng)) * (rng_below(rng, 2) ? 1 : -1);
+            for (int r = 0; r < 3; r++)
+                out[4 * r + c] = (float)(out[4 * r + c] * scale);
+        }
+        break;
+    case 2: { /* a shear of up to 1e4 */
+        uint32_t row = rng_below(rng, 3);
+        out[4 * row + (row + 1) % 3] += (float)(pow(10, 4 * rng_unit(rng)) * symmetric(rng));
+        break;
+    }
+    case 3: /* far away */
+        for (int r = 0; r < 3; r++)
+            out[4 * r + 3] = (float)(pow(10, 7 * rng_unit(rng)) * symmetric(rng));
+        break;
+    case 4: { /* nearly singular, by powers of two down to the last bit of an f32 */
+        double a = symmetric(rng), b = symmetric(rng), rest = ldexp(1, -(int)rng_below(rng, 24));
+        for (int c = 0; c < 3; c++)
+            out[8 + c] = (float)(a * out[c] + b * out[4 + c] + rest * symmetric(rng));
+        break;
+    }
+    case 5: /* where another one is, so that every hit ties */
+        if (count > 0)
+            memcpy(out, before[rng_below(rng, count)].transform, 12 * sizeof *out);
+        break;
+    default:
+        break;
+    }
+    double d = (double)out[0] * ((double)out[5] * out[10] - (double)out[6] * out[9]) -
+               (double)out[1] * ((double)out[4] * out[10] - (double)out[6] * out[8]) +
+               (double)out[2] * ((double)out[4] * out[9] - (double)out[5] * out[8]);
+    if (!(fabs(d) > 1e-20))
+        memcpy(out, identity, sizeof identity);
+}
+
+static void make_many_instances(struct made_scene *made, struct rng *rng, uint32_t triangles)
+{
+    uint32_t count = 2 + rng_below(rng, ORACLE_INSTANCES - 1), blases = 1 + rng_below(rng, 3), each = triangles / count + 2;
+    for (uint32_t b = 0; b < blases; b++) {
+        struct mesh mesh = rng_below(rng, 3) ? height_field(made, rng, side_of(each), rng_below(rng, 2))
+                                             : soup(made, rng, each, 0.3, true);
+        made->scene.geometries[b] = geometry_of_mesh(&mesh);
+        made->scene.blas_first[b + 1] = b + 1;
+    }
+    made->scene.blas_count = blases;
+    made->scene.instance_count = count;
+    made->extent = 2;
+    for (uint32_t i = 0; i < count; i++) {
+        struct gn_ref_instance *instance = &made->scene.instances[i];
+        *instance = plain_instance(rng_below(rng, 20) ? rng_below(rng, blases) : GN_REF_NULL_BLAS);
+        bad_transform(rng, made->scene.instances, i, instance->transform);
+        instance->flags = rng_below(rng, 4);
+        instance->mask = rng_below(rng, 4) ? 0xFF : rng_below(rng, 256);
+    }
+}
+
 /* Linear parts whose rows depend on one another but for their last bits. */
 static void make_nearly_singular(struct made_scene *made, struct rng *rng, uint32_t triangles)
 {
@@ -518,6 +586,7 @@ const struct family families[] = {
     {"any scale", make_any_scale, 500, RAYS_EXACT | RAYS_SCALED},
     {"closed", make_blob, 2000, RAYS_ON_SURFACE},
     {"instances", make_instanced, 1500, RAYS_RANGE},
+    {"many instances", make_many_instances, 1500, RAYS_FLAGS},
     {"nearly singular", make_nearly_singular, 800, RAYS_ON_SURFACE},
     {"geometry transforms", make_geometry_transforms, 1000, RAYS_SCALED},
     {"placed inexactly", make_placed_inexactly, 500, RAYS_EXACT | RAYS_NUDGED},

@@ -38,8 +38,8 @@ struct oracle {
     size_t count, capacity;
     struct oracle_counters counters;
     /* The ray in object space, per instance, made when first needed. */
-    struct rational3 origin[16], direction[16];
-    bool have_ray[16];
+    struct rational3 origin[ORACLE_INSTANCES], direction[ORACLE_INSTANCES];
+    bool have_ray[ORACLE_INSTANCES];
     struct rational3 corner[3], box[2];
     mpz_t s[24];
     mpz_t matrix[16];
@@ -209,8 +209,9 @@ struct oracle *oracle_create(const struct oracle_scene *scene)
     o->scene = *scene;
     for (int i = 0; i < 24; i++)
         mpz_init(o->s[i]);
-    for (int i = 0; i < 16; i++) {
+    for (int i = 0; i < 16; i++)
         mpz_init(o->matrix[i]);
+    for (int i = 0; i < ORACLE_INSTANCES; i++) {
         rational3_init(&o->origin[i]);
         rational3_init(&o->direction[i]);
     }
@@ -264,8 +265,9 @@ void oracle_destroy(struct oracle *o)
         return;
     for (int i = 0; i < 24; i++)
         mpz_clear(o->s[i]);
-    for (int i = 0; i < 16; i++) {
+    for (int i = 0; i < 16; i++)
         mpz_clear(o->matrix[i]);
+    for (int i = 0; i < ORACLE_INSTANCES; i++) {
         rational3_clear(&o->origin[i]);
         rational3_clear(&o->direction[i]);
     }

@@ -10,11 +10,12 @@
 #include "reference/trace.h"
 
 /* What a test traces, before it is added to a gn_ref_scene. */
+#define ORACLE_INSTANCES 48
 struct oracle_scene {
     struct gn_ref_geometry geometries[8];
     uint32_t blas_first[9]; /* the geometries of BLAS b: blas_first[b] .. blas_first[b + 1] */
     uint32_t blas_count;
-    struct gn_ref_instance instances[16];
+    struct gn_ref_instance instances[ORACLE_INSTANCES];
     uint32_t instance_count;
 };
 
