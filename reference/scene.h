@@ -99,8 +99,8 @@ bool gn_ref_scene_add_instance(struct gn_ref_scene *scene, const struct gn_ref_i
 /*
  * Prepares the scene for tracing. Afterwards nothing may be added, and any number of threads may trace.
  * A singular instance transform is an error (the API forbids it; the determinant's sign is decided exactly), and so
- * is lack of memory: every instance's primitives are placed in the world, 60 to 150 bytes each, and there may be
- * fewer than 2^30 of them. After a failure the scene can only be asked for its error and destroyed.
+ * is lack of memory. Instances share the triangles of their BLAS, 60 to 150 bytes each; boxes are placed in the world once per
+ * instance. There may be fewer than 2^30 primitives in all instances together. After a failure the scene can only be asked for its error and destroyed.
  */
 bool gn_ref_scene_commit(struct gn_ref_scene *scene);
 
