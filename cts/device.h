@@ -99,7 +99,8 @@ const char *gn_answer_fault(uint32_t kind);
 
 /*
  * The exact values that the device was given for a geometry: positions as the format encodes them, with the
- * divisor to be applied to them (cts/vertex_format.c). Positions come in memory of the arena.
+ * divisor to be applied to them (cts/vertex_format.c). Positions come in memory of the arena. Those with an infinity have no
+ * meaning in the specification; their x becomes NaN, so that the reference has no triangle there (cts/cases/stability_infinite.c).
  */
 bool gn_geometry_decoded_positions(const struct gn_cts_geometry *geometry, struct gn_arena *arena,
                                    const double (**out_positions)[3], double *out_divisor);

@@ -214,6 +214,8 @@ bool gn_geometry_decoded_positions(const struct gn_cts_geometry *geometry, struc
         uint8_t bytes[32];
         gn_vertex_encode(format, geometry->positions[i], bytes);
         gn_vertex_decode(format, bytes, positions[i]);
+        if (isinf(positions[i][0]) || isinf(positions[i][1]) || isinf(positions[i][2]))
+            positions[i][0] = (double)NAN;
     }
     *out_positions = (const double(*)[3])positions;
     *out_divisor = format->divisor;

@@ -91,6 +91,10 @@ struct gn_mesh gn_stability_triangles(struct gn_arena *arena, uint32_t count)
     "a box is a candidate where the ray's closed range meets it, and may be enlarged but not lost (ray "     \
     "intersection candidate determination)"
 
+#define ACTIVE                                                                                               \
+    "only a NaN makes a triangle inactive; one with a corner far away, or infinite, leaves the others as they are " \
+    "(acceleration structures: inactive primitives)"
+
 #define SWEEP(name, spec, sweep)                                                                             \
     {                                                                                                        \
         "stability." name, spec, gn_sweep_run, &gn_stability_##sweep, 0                                      \
@@ -151,5 +155,8 @@ static const struct gn_case cases[] = {
     SWEEP("box.corner", BOX, box_corner),
     SWEEP("box.inside", BOX, box_inside),
     SWEEP("box.far", BOX, box_far),
+    SWEEP("infinite.beside", ACTIVE, infinite_beside),
+    SWEEP("infinite.met", THIN, infinite_met),
+    SWEEP("infinite.box", BOX, infinite_box),
 };
 const struct gn_case_family gn_family_stability = {"stability", cases, sizeof cases / sizeof cases[0]};

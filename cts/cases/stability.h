@@ -82,4 +82,7 @@ extern const struct gn_sweep gn_stability_origin_face, gn_stability_origin_edge,
 extern const struct gn_sweep gn_stability_box_flat, gn_stability_box_face, gn_stability_box_corner,
     gn_stability_box_inside, gn_stability_box_far, gn_stability_box_many;
 
+/* stability_infinite.c */
+extern const struct gn_sweep gn_stability_infinite_beside, gn_stability_infinite_met, gn_stability_infinite_box;
+
 #endif
