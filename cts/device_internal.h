@@ -264,6 +264,9 @@ struct gn_trace_constants {
     uint32_t depth;
     uint32_t width, height; /* of the launch; whoever launches sets them */
     uint32_t traps, opaque_boxes;
+    uint32_t any_hit; /* what any-hit shaders do besides, a sum of these: */
+#define GN_TRACE_ANY_HIT_REFUSES 1u
+#define GN_TRACE_ANY_HIT_ENDS 2u
 };
 
 /* The layouts that all shaders of traces share. */

@@ -32,7 +32,7 @@
 #define CALLABLE_RECORDS 3
 
 /* Payload and attributes in bytes, as the shaders declare them: libraries have to be told. */
-#define PAYLOAD_BYTES 52
+#define PAYLOAD_BYTES 56
 #define ATTRIBUTE_BYTES 8
 
 /* A hit table up to this size is emptied before its first use; a larger one is mostly never touched. */

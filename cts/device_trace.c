@@ -60,7 +60,8 @@ const char *gn_answer_fault(uint32_t kind)
         [9] = "the ray generation shader found other data in its record than what is there",
         [10] = "a payload changed that no shader wrote to, or a level of recursion did not return",
         [11] = "the size of the launch reads back differently",
-        [12] = "with TerminateOnFirstHit the ray query presented a candidate after a hit was committed",
+        [12] = "a candidate was presented after the ray had been ended: by TerminateOnFirstHit and a committed hit, or by an "
+               "any-hit shader",
         [13] = "a ray query went on after it had been terminated",
     };
     if (kind <= GN_REF_ANSWER_GENERATED) {
@@ -376,6 +377,8 @@ enum gn_device_status gn_scene_trace(struct gn_built_scene *built, const struct 
             .depth = route->depth,
             .traps = route->traps,
             .opaque_boxes = route->opaque_boxes,
+            .any_hit = (route->any_hit_refuses ? GN_TRACE_ANY_HIT_REFUSES : 0) |
+                       (route->any_hit_ends ? GN_TRACE_ANY_HIT_ENDS : 0),
         };
         rays_write(device->trace.rays.mapped, rays + first, count);
         memset(device->trace.committed.mapped, 0xFF, count * sizeof *committed);

@@ -156,6 +156,8 @@ struct gn_cts_route {
     /* Only opaque boxes have generated hits: queries ask what the candidate is, the any-hit shader ignores all that it
      * is run for. Of any entry. */
     bool opaque_boxes;
+    bool any_hit_refuses; /* boxes that the policy does not want are reported, and ignored by the any-hit shader */
+    bool any_hit_ends; /* TerminateOnFirstHit is left to the any-hit shader, which ends the ray: of rays with NoOpaque */
     bool deferred; /* the pipeline is created by a deferred operation */
     bool callable; /* a callable shader writes the answer */
     enum gn_cts_linking linking;

@@ -25,6 +25,10 @@
 #define SPEC_ATTRIBUTE                                                                                       \
     "a closest-hit shader sees the attributes of the hit that is closest, not those that an intersection shader wrote " \
     "for a report that came to nothing (Vulkan: Ray Tracing Pipeline Interface; SPIR-V: OpReportIntersectionKHR)"
+#define SPEC_ANY_HIT                                                                                         \
+    "an any-hit shader is run for each reported hit of what is not opaque, of boxes as of triangles; it may ignore it or " \
+    "end the ray with it, after which none is run (SPIR-V: OpIgnoreIntersectionKHR, OpTerminateRayKHR; Vulkan: Any-Hit " \
+    "Shaders)"
 #define SPEC_LIBRARY "a pipeline linked from libraries runs the same shaders (Vulkan: Pipeline Libraries)"
 #define SPEC_DEFERRED                                                                                        \
     "a pipeline that a deferred operation creates is as any other (Vulkan: vkCreateRayTracingPipelinesKHR; Deferred " \
@@ -209,6 +213,12 @@ static const struct gn_case cases[] = {
          .content = GN_SAMPLE_BOXES),
     CASE("attributes.mixed_rejected", SPEC_ATTRIBUTE, .route = {.record_stride = 1, .traps = true},
          .content = GN_SAMPLE_MIXED),
+    CASE("any_hit.refuses_boxes", SPEC_ANY_HIT, .route = {.record_stride = 1, .any_hit_refuses = true},
+         .content = GN_SAMPLE_BOXES, .extra_flags = GN_REF_RAY_NO_OPAQUE),
+    CASE("any_hit.ends", SPEC_ANY_HIT, .route = {.record_stride = 1, .any_hit_ends = true},
+         .content = GN_SAMPLE_NOT_OPAQUE, .extra_flags = GN_REF_RAY_NO_OPAQUE | GN_REF_RAY_TERMINATE_ON_FIRST_HIT),
+    CASE("any_hit.ends_on_boxes", SPEC_ANY_HIT, .route = {.record_stride = 1, .any_hit_ends = true},
+         .content = GN_SAMPLE_BOXES, .extra_flags = GN_REF_RAY_NO_OPAQUE | GN_REF_RAY_TERMINATE_ON_FIRST_HIT),
     LINKED("hits", GN_CTS_LINK_HITS),
     LINKED("all", GN_CTS_LINK_ALL),
     CASE("deferred.meshes", SPEC_DEFERRED, .route = {.record_stride = 1, .deferred = true}, .content = GN_SAMPLE_MESHES),

@@ -62,6 +62,7 @@ layout(push_constant) uniform Constants {
     uint width, height; /* of the launch */
     uint traps; /* whether intersection shaders write attributes for hits that they cannot have */
     uint opaque_boxes; /* whether hits are generated on opaque boxes only */
+    uint any_hit; /* what any-hit shaders do besides: GN_TRACE_ANY_HIT_... in cts/device_internal.h */
 };
 
 Answer answer_nothing()

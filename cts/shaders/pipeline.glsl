@@ -6,10 +6,13 @@
 
 layout(primitive_culling);
 
-const uint SKIP_CLOSEST_HIT = 8;
+const uint TERMINATE_ON_FIRST_HIT = 4, SKIP_CLOSEST_HIT = 8;
 
 /* Values of `program`. */
 const uint COMMITTED = 0, CANDIDATES = 1, DETAIL = 2, POSITIONS = 3;
+
+/* Bits of `any_hit`. */
+const uint ANY_HIT_REFUSES = 1, ANY_HIT_ENDS = 2;
 
 /* Chosen where the pipeline is made, so that the plain ones do not pay for it. */
 layout(constant_id = 0) const bool recursive = false;
@@ -19,6 +22,7 @@ struct Payload {
     Answer answer;
     uint miss_record; /* what the miss shader found in its record */
     uint level, returned; /* of recursion: how deep, and how many came back */
+    uint ended; /* how often an any-hit shader has ended the ray */
 };
 
 /* Which ray this invocation is about. */
@@ -35,6 +39,7 @@ Payload payload_new()
     payload.miss_record = ~0u;
     payload.level = 0;
     payload.returned = 0;
+    payload.ended = 0;
     return payload;
 }
 
