@@ -57,6 +57,8 @@ const char *gn_case_backend_name(enum gn_case_backend backend);
 /* All families, in the order of families.def, and their backends as sums of 1 << enum gn_case_backend. */
 extern const struct gn_case_family *const gn_case_families[];
 extern const uint32_t gn_case_family_backends[];
+/* Why a family is there if nothing is known that it alone notices; "" where there is such a fault in tests/faulty. */
+extern const char *const gn_case_family_reasons[];
 extern const size_t gn_case_family_count;
 
 /* The first ray that was judged worst, and what is needed to show it. */

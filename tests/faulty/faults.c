@@ -5,10 +5,12 @@
  * Bits that no application gives mean the same to every driver, so faults in what is built are made in the data and
  * show whichever way rays are traced; faults of the traversal are made in the shaders.
  */
+#include <fnmatch.h>
 #include <math.h>
 #include <signal.h>
 #include <stdlib.h>
 #include <string.h>
+#include <unistd.h>
 
 #include <spirv/unified1/spirv.h>
 
@@ -505,6 +507,31 @@ GEOMETRY_FAULT(positions_half)
         positions_round(build, g, 13);
 }
 
+/* Every other triangle is two steps smaller: what neighbours share is not the same any more. */
+GEOMETRY_FAULT(positions_cracked)
+{
+    uint32_t count;
+    float(*positions)[3] = is_triangles(build, g) ? gn_fault_positions(build, g, &count) : NULL;
+    if (!positions)
+        return;
+    const uint32_t triangles = build->ranges[g].primitiveCount;
+    uint32_t(*indices)[3] = gn_fault_indices(build, g);
+    float(*own)[3] = gn_fault_memory((size_t)triangles * 3 * sizeof *own);
+    for (uint32_t i = 0; i < 3 * triangles; i++)
+        for (int a = 0; a < 3; a++) {
+            float mean = 0, *at = &own[i][a];
+            for (int c = 0; c < 3; c++)
+                mean += positions[indices[i / 3][c]][a] / 3;
+            *at = positions[indices[i / 3][i % 3]][a];
+            for (int step = 0; step < 2 && i / 3 % 2 && isfinite(mean); step++)
+                *at = nextafterf(*at, mean);
+        }
+    for (uint32_t i = 0; i < 3 * triangles; i++)
+        indices[i / 3][i % 3] = i;
+    triangles_of(build, g)->vertexData.deviceAddress = (VkDeviceAddress)(uintptr_t)own;
+    triangles_of(build, g)->maxVertex = 3 * triangles;
+}
+
 GEOMETRY_FAULT(fast_build_rounds)
 {
     if (is_triangles(build, g) && build->info.flags & VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_BUILD_BIT_KHR)
@@ -728,6 +755,12 @@ static void pointers_crash(struct gn_fault_build *build)
     raise(SIGSEGV);
 }
 
+static void pointers_exit(struct gn_fault_build *build)
+{
+    if (is_tlas(build) && build->geometries[0].geometry.instances.arrayOfPointers)
+        _exit(7);
+}
+
 static void rebuild_skipped(struct gn_fault_build *build)
 {
     build->skip = !gn_fault_is_update(build) && build->to && build->to->builds > 0;
@@ -867,12 +900,14 @@ static void limit_alignment(VkPhysicalDeviceAccelerationStructurePropertiesKHR *
 #define READ(opcode, builtin, change, value)                                                                 \
     {{opcode, 0, 0, change, value}, {SpvOpLoad, 0, builtin, change, value}}
 
+#define IN_STAGE(model) {{SpvOpRayQueryInitializeKHR, 3, 0, GN_FAULT_AND, 0, 1 + (model)}}
+
 #define INSTANCE(n, t, function) {.name = n, .text = t, .instance = function}
 #define GEOMETRY(n, t, function) {.name = n, .text = t, .geometry = function}
 #define BUILD(n, t, function) {.name = n, .text = t, .build = function}
 #define SHADER(n, t, ...) {.name = n, .text = t, .edits = __VA_ARGS__}
 
-const struct gn_fault gn_faults[] = {
+static const struct gn_fault faults[] = {
     INSTANCE("mask.bit_3", "bit 3 of the instances' masks is lost", mask_bit),
     INSTANCE("mask.bit_7", "bit 7 of the instances' masks is lost", mask_low_bits),
     INSTANCE("mask.ignored", "the instances' masks are taken for 0xFF", mask_ignored),
@@ -944,6 +979,7 @@ const struct gn_fault gn_faults[] = {
     GEOMETRY("vertices.stride", "vertexStride is ignored", vertex_stride),
     GEOMETRY("vertices.offset", "primitiveOffset is ignored for triangles", primitive_offset),
     GEOMETRY("vertices.half", "positions are rounded to 10 bits", positions_half),
+    GEOMETRY("vertices.cracks", "every other triangle is two steps smaller than given", positions_cracked),
     GEOMETRY("formats.snorm", "SNORM is divided by 32,768", format_snorm),
     GEOMETRY("formats.snorm_sign", "two-component SNORM is read as UNORM", format_snorm_unsigned),
     GEOMETRY("formats.half_subnormal", "subnormal halves are flushed", format_half_subnormal),
@@ -963,6 +999,7 @@ const struct gn_fault gn_faults[] = {
     INSTANCE("update.instance_references", "an update keeps the instances' structures", update_keeps_references),
     INSTANCE("update.instance_transforms", "an update keeps the instances' transforms", update_keeps_transforms),
     BUILD("build.crash", "building from an array of pointers crashes", pointers_crash),
+    BUILD("build.exit", "building from an array of pointers ends the process with exit status 7", pointers_exit),
     BUILD("build.rebuild", "a structure is not built a second time", rebuild_skipped),
     GEOMETRY("build.fast_build", "PREFER_FAST_BUILD rounds positions to 15 bits", fast_build_rounds),
     GEOMETRY("build.low_memory", "LOW_MEMORY makes everything opaque", low_memory_opaque),
@@ -1006,6 +1043,12 @@ const struct gn_fault gn_faults[] = {
     SHADER("ray_flags.skip_aabbs", "SKIP_AABBS is ignored", FLAGS(GN_FAULT_AND, ~0x200u)),
     SHADER("ray_flags.skip_swapped", "the flags that skip types are swapped", FLAGS(GN_FAULT_SWAP_BITS, 0x100)),
 
+    SHADER("stages.vertex", "ray queries in vertex shaders have no flags", IN_STAGE(SpvExecutionModelVertex)),
+    SHADER("stages.fragment", "ray queries in fragment shaders have no flags", IN_STAGE(SpvExecutionModelFragment)),
+    SHADER("stages.ray_generation", "ray queries in ray generation shaders have no flags",
+           IN_STAGE(SpvExecutionModelRayGenerationKHR)),
+    SHADER("stages.closest_hit", "ray queries in closest-hit shaders have no flags",
+           IN_STAGE(SpvExecutionModelClosestHitKHR)),
     SHADER("shader.confirm", "confirming a candidate has no effect", {{SpvOpRayQueryConfirmIntersectionKHR, 1, 0, GN_FAULT_REMOVE, 0}}),
     SHADER("shader.generate", "a generated hit lies 256 steps further",
            {{SpvOpRayQueryGenerateIntersectionKHR, 2, 0, GN_FAULT_ADD_ULPS, 256},
@@ -1038,13 +1081,58 @@ const struct gn_fault gn_faults[] = {
     SHADER("read_back.tmin", "tmin is read back as 0",
            READ(SpvOpRayQueryGetRayTMinKHR, SpvBuiltInRayTminKHR, GN_FAULT_SET_FLOAT, 0)),
 };
-const size_t gn_fault_count = sizeof gn_faults / sizeof gn_faults[0];
+
+/*
+ * Faults that few cases can notice, and the cases that can: they run with such a fault besides the sample, so that the
+ * whole suite need not. Patterns, in which * stands for any characters.
+ */
+static const struct {
+    const char *faults, *cases;
+} witnesses[] = {
+    {"instances.65536", "query.ids.instance.66000"},
+    {"instances.id", "query.ids.instance.66000"},
+    {"primitives.inactive", "query.hit.inactive_triangles.corner_0"},
+    {"indices.16_bits", "query.ids.primitive.72200"},
+    {"indices.restart", "query.indices.uint16_all_65536"},
+    {"aabbs.offset", "*.aabbs.list_offset"},
+    {"update.bounds", "*.update.boxes.from_afar"},
+    {"stages.*", "query.stages.*"},
+    {"read_back.*", "query.transforms.detail.*"},
+    {"vertices.cracks", "query.watertight.*.edge*"},
+    {"records.offset*", "pipeline.tables.records.*_offset"},
+    {"records.stride*", "pipeline.tables.records.stride_15"},
+    {"records.callable", "pipeline.tables.callable.*"},
+    {"table.hit_stride*", "pipeline.tables.stride.*"},
+    {"table.callable_stride", "pipeline.tables.callable.*"},
+    {"table.null", "pipeline.tables.null.*"},
+    {"groups.any_hit_procedural", "pipeline.tables.any_hit.*"},
+    {"any_hit.*", "pipeline.tables.any_hit.*"},
+    {"recursion.*", "pipeline.tables.recursion.2_*"},
+    {"built_ins.*", "pipeline.transforms.detail.*"},
+    {"launch.indirect*", "pipeline.tables.launch.*"},
+};
+
+const char *gn_fault_witness(const struct gn_fault *fault)
+{
+    for (size_t i = 0; i < sizeof witnesses / sizeof witnesses[0]; i++)
+        if (fnmatch(witnesses[i].faults, fault->name, 0) == 0)
+            return witnesses[i].cases;
+    return "";
+}
+
+const struct gn_fault *gn_fault_at(size_t index)
+{
+    const size_t count = sizeof faults / sizeof faults[0];
+    return index < count                            ? &faults[index]
+           : index - count < gn_pipeline_fault_count ? &gn_pipeline_faults[index - count]
+                                                     : NULL;
+}
 
 const struct gn_fault *gn_fault_chosen(void)
 {
     const char *name = getenv("GNOMON_FAULT");
-    for (size_t i = 0; name && i < gn_fault_count; i++)
-        if (strcmp(gn_faults[i].name, name) == 0)
-            return &gn_faults[i];
-    return NULL;
+    const struct gn_fault *fault = NULL;
+    for (size_t i = 0; name && (fault = gn_fault_at(i)) && strcmp(fault->name, name) != 0; i++) {
+    }
+    return fault;
 }

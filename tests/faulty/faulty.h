@@ -3,7 +3,7 @@
  * A Vulkan layer that makes a driver wrong in one named way, so that it can be seen whether the suite notices.
  *
  * GNOMON_FAULT names the fault; without it the layer changes nothing but what `faults.c` says is mended. One fault is
- * one block in faults.c. The layer works above drivers whose device addresses are addresses of this process
+ * one block in faults.c or pipelines.c. The layer works above drivers whose device addresses are addresses of this process
  * (lavapipe) and refuses others; it takes one device at a time, and waits for the queue after each submission.
  */
 #ifndef GNOMON_TESTS_FAULTY_H
@@ -42,6 +42,7 @@ enum gn_fault_change {
     GN_FAULT_END = 0,
     GN_FAULT_AND,
     GN_FAULT_OR,
+    GN_FAULT_XOR,
     GN_FAULT_SWAP_BITS, /* `value` is the lower of two neighbouring bits */
     GN_FAULT_ADD_ULPS, /* to a positive float, as a signed number */
     GN_FAULT_MULTIPLY, /* a float by the one whose bits `value` has */
@@ -53,15 +54,26 @@ enum gn_fault_change {
     GN_FAULT_SET_OPCODE, /* the same operands for another instruction; results only */
     GN_FAULT_SET_INTERSECTION, /* the constant that says committed or candidate is `value`; results only */
     GN_FAULT_REMOVE, /* of an instruction without result */
+    GN_FAULT_SET_BUILTIN, /* a variable that is decorated as one built-in becomes another; of OpDecorate */
+    GN_FAULT_CLAMP_TO_RANGE, /* a float into the ray's range, as far as the module has that */
+    GN_FAULT_TAKE_INCOMING_PAYLOAD, /* the payload that the shader was called with, where it was; of OpTraceRayKHR */
 };
 struct gn_fault_edit {
     uint32_t opcode; /* of the instruction */
     uint32_t word; /* of the operand; 0: the result */
-    uint32_t builtin; /* with OpLoad: of variables that are this built-in; otherwise 0 */
+    uint32_t builtin; /* with OpLoad and OpDecorate: of variables that are this built-in; otherwise 0 */
     enum gn_fault_change change;
     uint32_t value;
+    uint32_t stage; /* 1 and the execution model of the only modules that are changed; 0: all are */
 };
 #define GN_FAULT_MAX_EDITS 4
+
+/* A trace on its way, direct or indirect. */
+struct gn_fault_trace {
+    VkStridedDeviceAddressRegionKHR raygen, miss, hit, callable;
+    uint32_t size[3];
+    bool indirect;
+};
 
 struct gn_fault {
     const char *name; /* AREA.WHAT */
@@ -80,19 +92,29 @@ struct gn_fault {
     void (*query)(VkQueryType type, uint64_t *value);
     void (*sizes)(const VkAccelerationStructureBuildGeometryInfoKHR *info, VkAccelerationStructureBuildSizesInfoKHR *sizes);
     void (*limits)(VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits);
-    void (*trace)(VkStridedDeviceAddressRegionKHR regions[4], uint32_t size[3]); /* raygen, miss, hit, callable */
+    void (*pipeline_limits)(VkPhysicalDeviceRayTracingPipelinePropertiesKHR *limits);
+    void (*trace)(struct gn_fault_trace *trace);
+    void (*group)(VkRayTracingShaderGroupCreateInfoKHR *group);
+    /* Handles of `size` bytes, of groups from 0 on. */
+    void (*handles)(bool linked, uint32_t count, size_t size, uint8_t *handles);
     struct gn_fault_edit edits[GN_FAULT_MAX_EDITS];
 };
 
-extern const struct gn_fault gn_faults[];
-extern const size_t gn_fault_count;
+/* NULL past the end. */
+const struct gn_fault *gn_fault_at(size_t index);
+/* The part of them that pipelines.c has. */
+extern const struct gn_fault gn_pipeline_faults[];
+extern const size_t gn_pipeline_fault_count;
+/* A pattern of the cases that notice it where few do; "" where many do. */
+const char *gn_fault_witness(const struct gn_fault *fault);
 /* The one that GNOMON_FAULT names, or NULL. */
 const struct gn_fault *gn_fault_chosen(void);
 
 /*
- * For `gnomon run --selftest`, which loads the library for it: name and text of the index-th fault; false past the end.
+ * For `gnomon run --selftest`, which loads the library for it: name, text and witness ("" for none) of the index-th fault; false past
+ * the end.
  */
-bool gn_faulty_describe(size_t index, const char **out_name, const char **out_text);
+bool gn_faulty_describe(size_t index, const char **out_name, const char **out_text, const char **out_witness);
 
 /* Memory that stays until what is being recorded has run; zeroed, aligned to 64. Ends the process when there is none. */
 void *gn_fault_memory(size_t size);
@@ -119,6 +141,18 @@ bool gn_fault_outside(const struct gn_fault_structure *structure, const float po
  */
 void gn_fault_build_make(const VkAccelerationStructureBuildGeometryInfoKHR *info,
                          const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_fault_build *out);
+
+/* Whether a pipeline was linked from libraries, once it was told of. */
+void gn_fault_pipeline_remember(VkPipeline handle, const VkRayTracingPipelineCreateInfoKHR *info);
+bool gn_fault_pipeline_linked(VkPipeline handle);
+/* The groups as the fault changes them, malloc'ed. */
+VkRayTracingShaderGroupCreateInfoKHR *gn_fault_groups(const struct gn_fault *fault,
+                                                      const VkRayTracingPipelineCreateInfoKHR *info);
+/* What an indirect trace finds in memory; without tables in the first form, which leaves them as they are. */
+void gn_fault_indirect_read(VkDeviceAddress address, struct gn_fault_trace *trace);
+void gn_fault_indirect2_read(VkDeviceAddress address, struct gn_fault_trace *trace);
+/* A private copy of a table's records, put in its place. */
+uint8_t *gn_fault_table(VkStridedDeviceAddressRegionKHR *region);
 
 /* The module with the edits made, malloc'ed, or NULL where nothing is to be edited. */
 uint32_t *gn_fault_shader(const struct gn_fault_edit *edits, const uint32_t *words, size_t count, size_t *out_count);

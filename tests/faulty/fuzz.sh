@@ -42,6 +42,8 @@ sed '$d' "$out/text" > "$out/b"
 want 'word for word' 0 same sh -c "cmp '$out/a' '$out/b' && echo same"
 GNOMON_FAULT=build.crash want 'a crash is put down to its scene' 1 'crash.instance_array: first' fuzz --trials 30 $known
 GNOMON_FAULT=build.crash want 'and replays' 1 'ended by signal 11' "$gnomon" replay "$out/found/crash.instance_array.json"
+GNOMON_FAULT=build.exit want 'so is an end without a signal' 1 'error.instance_array: first' fuzz --trials 30 $known
+GNOMON_FAULT=build.exit want 'and replays' 1 'ended itself with exit status 7' "$gnomon" replay "$out/found/error.instance_array.json"
 want 'nothing new without a fault' 0 ' 0 of them not known' fuzz --trials 30 $known
 want 'a file that is none' 2 'not JSON\|expected' "$gnomon" replay "$0"
 printf '{"scene_file": "gnomon", "program": "committed", "scene": {"blases": [{"geometries": [{"positions": [0, 0], "triangles": []}]}], "tlas": {"instances": []}}, "rays": []}' > "$out/bad.json"

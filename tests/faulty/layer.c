@@ -25,7 +25,11 @@ static VkDevice the_device;
     X(CmdCopyAccelerationStructureKHR)                                                                       \
     X(CmdCopyAccelerationStructureToMemoryKHR)                                                               \
     X(CmdCopyMemoryToAccelerationStructureKHR)                                                               \
+    X(CreateRayTracingPipelinesKHR)                                                                          \
+    X(GetRayTracingShaderGroupHandlesKHR)                                                                    \
     X(CmdTraceRaysKHR)                                                                                       \
+    X(CmdTraceRaysIndirectKHR)                                                                               \
+    X(CmdTraceRaysIndirect2KHR)                                                                              \
     X(CreateQueryPool)                                                                                       \
     X(GetQueryPoolResults)                                                                                   \
     X(QueueSubmit)                                                                                           \
@@ -252,6 +256,48 @@ static VKAPI_ATTR void VKAPI_CALL entry_CmdCopyMemoryToAccelerationStructureKHR(
     next.CmdCopyMemoryToAccelerationStructureKHR(commands, info);
 }
 
+static VKAPI_ATTR VkResult VKAPI_CALL entry_CreateRayTracingPipelinesKHR(
+    VkDevice device, VkDeferredOperationKHR operation, VkPipelineCache cache, uint32_t count,
+    const VkRayTracingPipelineCreateInfoKHR *infos, const VkAllocationCallbacks *allocator, VkPipeline *handles)
+{
+    const struct gn_fault *fault = gn_fault_chosen();
+    VkRayTracingPipelineCreateInfoKHR *told = malloc((count + 1) * sizeof *told);
+    VkRayTracingShaderGroupCreateInfoKHR **groups = calloc(count + 1, sizeof *groups);
+    if (!told || !groups)
+        abort();
+    for (uint32_t i = 0; i < count; i++) {
+        told[i] = infos[i];
+        if (fault && fault->group && infos[i].groupCount)
+            told[i].pGroups = groups[i] = gn_fault_groups(fault, &infos[i]);
+    }
+    VkResult result = next.CreateRayTracingPipelinesKHR(device, operation, cache, count, told, allocator, handles);
+    for (uint32_t i = 0; i < count; i++) {
+        if (handles[i])
+            gn_fault_pipeline_remember(handles[i], &infos[i]);
+        free(groups[i]);
+    }
+    free(groups);
+    free(told);
+    return result;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL entry_GetRayTracingShaderGroupHandlesKHR(VkDevice device, VkPipeline pipeline,
+                                                                               uint32_t first, uint32_t count,
+                                                                               size_t size, void *handles)
+{
+    const struct gn_fault *fault = gn_fault_chosen();
+    VkResult result = next.GetRayTracingShaderGroupHandlesKHR(device, pipeline, first, count, size, handles);
+    if (result == VK_SUCCESS && fault && fault->handles && first == 0 && count)
+        fault->handles(gn_fault_pipeline_linked(pipeline), count, size / count, handles);
+    return result;
+}
+
+static void trace_directly(VkCommandBuffer commands, const struct gn_fault_trace *trace)
+{
+    next.CmdTraceRaysKHR(commands, &trace->raygen, &trace->miss, &trace->hit, &trace->callable, trace->size[0],
+                         trace->size[1], trace->size[2]);
+}
+
 static VKAPI_ATTR void VKAPI_CALL entry_CmdTraceRaysKHR(VkCommandBuffer commands,
                                                         const VkStridedDeviceAddressRegionKHR *raygen,
                                                         const VkStridedDeviceAddressRegionKHR *miss,
@@ -260,11 +306,41 @@ static VKAPI_ATTR void VKAPI_CALL entry_CmdTraceRaysKHR(VkCommandBuffer commands
                                                         uint32_t height, uint32_t depth)
 {
     const struct gn_fault *fault = gn_fault_chosen();
-    VkStridedDeviceAddressRegionKHR regions[4] = {*raygen, *miss, *hit, *callable};
-    uint32_t size[3] = {width, height, depth};
+    struct gn_fault_trace trace = {*raygen, *miss, *hit, *callable, {width, height, depth}, false};
     if (fault && fault->trace)
-        fault->trace(regions, size);
-    next.CmdTraceRaysKHR(commands, &regions[0], &regions[1], &regions[2], &regions[3], size[0], size[1], size[2]);
+        fault->trace(&trace);
+    trace_directly(commands, &trace);
+}
+
+static VKAPI_ATTR void VKAPI_CALL entry_CmdTraceRaysIndirectKHR(VkCommandBuffer commands,
+                                                                const VkStridedDeviceAddressRegionKHR *raygen,
+                                                                const VkStridedDeviceAddressRegionKHR *miss,
+                                                                const VkStridedDeviceAddressRegionKHR *hit,
+                                                                const VkStridedDeviceAddressRegionKHR *callable,
+                                                                VkDeviceAddress address)
+{
+    const struct gn_fault *fault = gn_fault_chosen();
+    struct gn_fault_trace trace = {*raygen, *miss, *hit, *callable, {0}, true};
+    if (!fault || !fault->trace) {
+        next.CmdTraceRaysIndirectKHR(commands, raygen, miss, hit, callable, address);
+        return;
+    }
+    gn_fault_indirect_read(address, &trace);
+    fault->trace(&trace);
+    trace_directly(commands, &trace);
+}
+
+static VKAPI_ATTR void VKAPI_CALL entry_CmdTraceRaysIndirect2KHR(VkCommandBuffer commands, VkDeviceAddress address)
+{
+    const struct gn_fault *fault = gn_fault_chosen();
+    struct gn_fault_trace trace;
+    if (!fault || !fault->trace) {
+        next.CmdTraceRaysIndirect2KHR(commands, address);
+        return;
+    }
+    gn_fault_indirect2_read(address, &trace);
+    fault->trace(&trace);
+    trace_directly(commands, &trace);
 }
 
 /* Results do not say of which type they are. */
@@ -323,7 +399,10 @@ static VKAPI_ATTR void VKAPI_CALL entry_GetPhysicalDeviceProperties2(VkPhysicalD
     PFN_vkGetPhysicalDeviceProperties2 get = (PFN_vkGetPhysicalDeviceProperties2)next_instance_address(
         the_instance, "vkGetPhysicalDeviceProperties2");
     get(device, properties);
-    for (VkBaseOutStructure *out = properties->pNext; out; out = out->pNext)
+    for (VkBaseOutStructure *out = properties->pNext; out; out = out->pNext) {
+        if (out->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_PROPERTIES_KHR && fault &&
+            fault->pipeline_limits)
+            fault->pipeline_limits((VkPhysicalDeviceRayTracingPipelinePropertiesKHR *)out);
         if (out->sType == VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ACCELERATION_STRUCTURE_PROPERTIES_KHR) {
             VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits =
                 (VkPhysicalDeviceAccelerationStructurePropertiesKHR *)out;
@@ -332,6 +411,7 @@ static VKAPI_ATTR void VKAPI_CALL entry_GetPhysicalDeviceProperties2(VkPhysicalD
             if (fault && fault->limits)
                 fault->limits(limits);
         }
+    }
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL entry_CreateInstance(const VkInstanceCreateInfo *info,
@@ -429,11 +509,13 @@ EXPORT VKAPI_ATTR VkResult VKAPI_CALL vkNegotiateLoaderLayerInterfaceVersion(VkN
     return VK_SUCCESS;
 }
 
-EXPORT bool gn_faulty_describe(size_t index, const char **out_name, const char **out_text)
+EXPORT bool gn_faulty_describe(size_t index, const char **out_name, const char **out_text, const char **out_witness)
 {
-    if (index >= gn_fault_count)
+    const struct gn_fault *fault = gn_fault_at(index);
+    if (!fault)
         return false;
-    *out_name = gn_faults[index].name;
-    *out_text = gn_faults[index].text;
+    *out_name = fault->name;
+    *out_text = fault->text;
+    *out_witness = gn_fault_witness(fault);
     return true;
 }

@@ -11,7 +11,7 @@
 /* An inline function of the header: its definition goes here. */
 extern void SpvHasResultAndType(SpvOp opcode, bool *has_result, bool *has_type);
 
-enum { HEAD_WORDS = 5, BOUND_WORD = 3, GLSL_NORMALIZE = 69, MOST_NEW_WORDS = 40 };
+enum { HEAD_WORDS = 5, BOUND_WORD = 3, GLSL_FCLAMP = 43, GLSL_NORMALIZE = 69, MOST_NEW_WORDS = 40 };
 
 struct words {
     uint32_t *list;
@@ -20,7 +20,9 @@ struct words {
 
 struct rewrite {
     const struct gn_fault_edit *edits;
-    uint32_t bound;
+    uint32_t bound, ids; /* now, and in the module as it came */
+    uint32_t stage; /* the execution model of its entry point */
+    uint32_t incoming_payload; /* the variable, 0 for none */
     uint32_t uint_type, float_type, bool_type, glsl;
     uint32_t uint_constants[64][2], uint_constant_count; /* value, id */
     uint32_t *types; /* by id: of what the id names, 0 where unknown */
@@ -57,6 +59,15 @@ static uint32_t constant(struct rewrite *rewrite, uint32_t type, uint32_t value)
     return id;
 }
 
+/* The variable that is a built-in; 0 where there is none. */
+static uint32_t variable_of(const struct rewrite *rewrite, uint32_t builtin)
+{
+    for (uint32_t id = 0; id < rewrite->ids; id++)
+        if (rewrite->built_ins[id] == builtin + 1)
+            return id;
+    return 0;
+}
+
 /* The changed value of `from` as a new id, or as `wanted` where that is not 0; written before or after the site. */
 static uint32_t change(struct rewrite *rewrite, const struct gn_fault_edit *edit, uint32_t type, uint32_t from,
                        uint32_t wanted)
@@ -71,6 +82,21 @@ static uint32_t change(struct rewrite *rewrite, const struct gn_fault_edit *edit
     case GN_FAULT_OR:
         EMIT(out, SpvOpBitwiseOr, type, to, from, constant(rewrite, u, edit->value));
         break;
+    case GN_FAULT_XOR:
+        EMIT(out, SpvOpBitwiseXor, type, to, from, constant(rewrite, u, edit->value));
+        break;
+    case GN_FAULT_CLAMP_TO_RANGE: {
+        const uint32_t least = variable_of(rewrite, SpvBuiltInRayTminKHR), most = variable_of(rewrite, SpvBuiltInRayTmaxKHR);
+        if (!least || !most)
+            return from;
+        const uint32_t low = rewrite->bound++, high = rewrite->bound++;
+        EMIT(out, SpvOpLoad, type, low, least);
+        EMIT(out, SpvOpLoad, type, high, most);
+        EMIT(out, SpvOpExtInst, type, to, rewrite->glsl, GLSL_FCLAMP, from, low, high);
+        break;
+    }
+    case GN_FAULT_TAKE_INCOMING_PAYLOAD:
+        return rewrite->incoming_payload ? rewrite->incoming_payload : from;
     case GN_FAULT_SWAP_BITS: {
         const uint32_t one = constant(rewrite, u, 1), low = constant(rewrite, u, edit->value);
         const uint32_t rest = constant(rewrite, u, ~(3 * edit->value)), up = rewrite->bound++, ups = rewrite->bound++,
@@ -135,6 +161,13 @@ static void survey(struct rewrite *rewrite, const uint32_t *words, size_t count)
         if (has_result && has_type)
             rewrite->types[w[2]] = w[1];
         switch (w[0] & 0xFFFF) {
+        case SpvOpEntryPoint:
+            rewrite->stage = w[1];
+            break;
+        case SpvOpVariable:
+            if (w[3] == SpvStorageClassIncomingRayPayloadKHR)
+                rewrite->incoming_payload = w[2];
+            break;
         case SpvOpExtInstImport:
             if (strcmp((const char *)&w[2], "GLSL.std.450") == 0)
                 rewrite->glsl = w[1];
@@ -165,7 +198,11 @@ static void survey(struct rewrite *rewrite, const uint32_t *words, size_t count)
 
 static bool applies(const struct rewrite *rewrite, const struct gn_fault_edit *edit, const uint32_t *w)
 {
-    return edit->opcode == (w[0] & 0xFFFF) && (edit->opcode != SpvOpLoad || rewrite->built_ins[w[3]] == edit->builtin + 1);
+    if (edit->opcode != (w[0] & 0xFFFF) || (edit->stage && edit->stage != rewrite->stage + 1))
+        return false;
+    if (edit->opcode == SpvOpDecorate)
+        return w[2] == SpvDecorationBuiltIn && w[3] == edit->builtin;
+    return edit->opcode != SpvOpLoad || rewrite->built_ins[w[3]] == edit->builtin + 1;
 }
 
 /* The constant itself where it is a literal of a small set: glslang's 0 and 1. */
@@ -198,6 +235,8 @@ static bool instruction(struct rewrite *rewrite, const uint32_t *words)
             return true;
         if (edit->change == GN_FAULT_SET_OPCODE)
             w[0] = length << 16 | edit->value;
+        else if (edit->change == GN_FAULT_SET_BUILTIN)
+            w[3] = edit->value;
         else if (edit->change == GN_FAULT_SET_INTERSECTION)
             w[4] = constant_known(rewrite, edit->value);
         else if (edit->word)
@@ -217,7 +256,7 @@ static bool instruction(struct rewrite *rewrite, const uint32_t *words)
 
 uint32_t *gn_fault_shader(const struct gn_fault_edit *edits, const uint32_t *words, size_t count, size_t *out_count)
 {
-    struct rewrite rewrite = {.edits = edits, .bound = words[BOUND_WORD]};
+    struct rewrite rewrite = {.edits = edits, .bound = words[BOUND_WORD], .ids = words[BOUND_WORD]};
     const size_t ids = rewrite.bound;
     size_t at = HEAD_WORDS, functions = 0;
     bool changed = false;
