@@ -3,7 +3,8 @@
  * `gnomon run fuzz`: trials in worker processes, failures sorted by what they need, one of each kind reduced.
  *
  * The parent never opens the driver. A worker tells it by a pipe what it found, and by shared memory which trial it is
- * at, so that a crash is put down to its trial; that is then reduced with a process for each attempt.
+ * at, so that the process's end, by a signal or by the driver's exit(), is put down to its trial; that is then reduced with
+ * a process for each attempt.
  */
 #include <argp.h>
 #include <errno.h>
@@ -76,6 +77,7 @@ struct place {
     volatile uint64_t since; /* seconds of the clock */
     volatile uint64_t done, rays;
     volatile uint32_t shrinking;
+    volatile uint32_t inside; /* a trial is being run: whatever ends the process now is the driver's doing */
 };
 
 static error_t parse(int key, char *argument, struct argp_state *state)
@@ -231,6 +233,7 @@ static void work(const struct fuzz *fuzz, uint64_t number, struct place *place, 
         place->since = (uint64_t)gn_clock();
         gn_fuzz_make(&arena, fuzz->seed, number, info, &trial);
         if (trial_wanted(fuzz, &trial)) {
+            place->inside = 1;
             const bool failed = inside_run(&inside, &trial);
             place->done++;
             place->rays += trial.ray_count;
@@ -255,6 +258,7 @@ static void work(const struct fuzz *fuzz, uint64_t number, struct place *place, 
                 dprintf(to, "%s %u %llu %d\n", name, needed, (unsigned long long)number, fresh);
                 place->shrinking = 0;
             }
+            place->inside = 0;
         }
         gn_arena_finish(&arena);
         /* Nobody should go on with a device that failed. */
@@ -303,10 +307,12 @@ static void kind_add(struct fuzz *fuzz, const char *name, uint32_t needed, uint6
     kind->filed = kept;
 }
 
-/* In the parent: whether a trial ends a process of its own by a signal. */
+/* In the parent: whether a trial ends a process of its own, by a signal or by exit(). */
 struct outside {
     const struct fuzz *fuzz;
-    int signal; /* that ended it; SIGALRM for a hang */
+    struct place *place; /* shared with these processes */
+    int end; /* the first one's, as waitpid() has it; SIGALRM is a hang; 0: none yet */
+    bool ended;
 };
 
 static bool outside_fails(void *context, const struct gn_fuzz_trial *trial)
@@ -315,6 +321,7 @@ static bool outside_fails(void *context, const struct gn_fuzz_trial *trial)
     int status = 0;
     if (!trial->ray_count || !trial->scene.instance_count)
         return false;
+    outside->place->inside = 0;
     pid_t pid = fork();
     if (pid == 0) {
         char error[256];
@@ -326,39 +333,49 @@ static bool outside_fails(void *context, const struct gn_fuzz_trial *trial)
         struct gn_device *device = device_open(outside->fuzz, error, sizeof error);
         if (!device)
             _exit(3);
+        outside->place->inside = 1;
         gn_fuzz_execute(trial, device, &run);
+        outside->place->inside = 0;
         _exit(0);
     }
     while (pid > 0 && waitpid(pid, &status, 0) < 0 && errno == EINTR) {
     }
-    if (pid < 0 || !WIFSIGNALED(status))
+    if (pid < 0 || !outside->place->inside || (outside->ended && outside->end != status))
         return false;
-    if (outside->signal && outside->signal != WTERMSIG(status))
-        return false;
-    outside->signal = WTERMSIG(status);
+    outside->end = status;
+    outside->ended = true;
     return true;
 }
 
-/* A worker was ended by a signal at this trial. */
-static void crash_handle(struct fuzz *fuzz, uint64_t number, const struct gn_device_info *info)
+static enum gn_case_status end_status(int end)
+{
+    return !WIFSIGNALED(end) ? GN_CASE_ERROR : WTERMSIG(end) == SIGALRM ? GN_CASE_TIMEOUT : GN_CASE_CRASH;
+}
+
+/* A worker ended, in that way, in the midst of this trial. */
+static void end_handle(struct fuzz *fuzz, uint64_t number, struct place *place, int end, const struct gn_device_info *info)
 {
     struct gn_arena arena = {0};
     struct gn_fuzz_trial trial;
-    struct outside outside = {fuzz, 0};
-    char name[256] = "crash.not_repeated", message[128];
+    struct outside outside = {.fuzz = fuzz, .place = place};
+    char name[256], message[128];
     bool filed = false;
     uint32_t needed = 0;
+    snprintf(name, sizeof name, "%s.not_repeated", gn_case_status_name(end_status(end)));
     gn_fuzz_make(&arena, fuzz->seed, number, info, &trial);
     if (outside_fails(&outside, &trial)) {
         needed = gn_fuzz_classify(&arena, &trial, UINT32_MAX, outside_fails, &outside);
-        kind_name(outside.signal == SIGALRM ? GN_CASE_TIMEOUT : GN_CASE_CRASH, needed, name, sizeof name);
+        kind_name(end_status(outside.end), needed, name, sizeof name);
         bool fresh = true;
         for (size_t i = 0; i < fuzz->kind_count; i++)
             fresh = fresh && strcmp(fuzz->kinds[i].name, name) != 0;
         if (fresh) {
             gn_fuzz_shrink(&arena, &trial, CRASH_ATTEMPTS, outside_fails, &outside);
-            snprintf(message, sizeof message, "the process was ended by signal %d (%s)", outside.signal,
-                     strsignal(outside.signal));
+            if (WIFSIGNALED(outside.end))
+                snprintf(message, sizeof message, "the process was ended by signal %d (%s)", WTERMSIG(outside.end),
+                         strsignal(WTERMSIG(outside.end)));
+            else
+                snprintf(message, sizeof message, "the process ended itself with exit status %d", WEXITSTATUS(outside.end));
             const struct gn_fuzz_file file = {trial, name, message, fuzz->driver, info->name, fuzz->seed, number};
             filed = file_write(fuzz, name, number, &file);
         }
@@ -451,14 +468,15 @@ static int run_all(struct fuzz *fuzz, struct place *places, struct gn_device_inf
             }
             worker->pid = 0;
             alive--;
-            if (interrupted || (WIFEXITED(status) && WEXITSTATUS(status) == 0))
+            if (interrupted || (WIFEXITED(status) && WEXITSTATUS(status) == 0 && !places[j].inside))
                 continue;
-            if (WIFEXITED(status)) {
+            if (WIFEXITED(status) && !places[j].inside) {
                 exit_status = WEXITSTATUS(status) == 4 ? 4 : 3;
                 continue;
             }
             places[j].shrinking = 0;
-            crash_handle(fuzz, places[j].number, info);
+            end_handle(fuzz, places[j].number, &places[j], status, info);
+            places[j].inside = 0;
             alive += worker_start(fuzz, worker, &places[j], places[j].number + fuzz->jobs);
         }
     }

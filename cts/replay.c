@@ -197,23 +197,31 @@ static int explain_scene(const struct gn_fuzz_file *scene, const char *icd)
 static int explain_apart(const struct gn_replay *replay, const struct gn_selected *selected,
                          const struct gn_fuzz_file *scene, const char *icd, const struct arguments *arguments)
 {
-    int status = 0;
+    int status = 0, answered[2];
+    char byte = 0;
     fflush(stdout);
-    pid_t pid = fork();
+    pid_t pid = pipe(answered) == 0 ? fork() : -1;
     if (pid < 0) {
         fprintf(stderr, "gnomon: cannot start a process: %s\n", strerror(errno));
         return 3;
     }
     if (pid == 0) {
         alarm(arguments->timeout);
-        return scene ? explain_scene(scene, icd)
-                     : explain(replay, selected, icd, arguments->whole_case, arguments->file);
+        const int exit_status =
+            scene ? explain_scene(scene, icd) : explain(replay, selected, icd, arguments->whole_case, arguments->file);
+        return write(answered[1], &byte, 1) == 1 ? exit_status : 3;
     }
+    close(answered[1]);
     while (waitpid(pid, &status, 0) < 0 && errno == EINTR) {
     }
-    if (WIFEXITED(status))
+    /* A driver may call exit(). */
+    const bool whole = read(answered[0], &byte, 1) == 1;
+    close(answered[0]);
+    if (WIFEXITED(status) && whole)
         return WEXITSTATUS(status);
-    if (WTERMSIG(status) == SIGALRM)
+    if (WIFEXITED(status))
+        printf("\nerror: it still fails: the process ended itself with exit status %d\n", WEXITSTATUS(status));
+    else if (WTERMSIG(status) == SIGALRM)
         printf("\ntimeout: it still fails: no answer within %u s\n", arguments->timeout);
     else
         printf("\ncrash: it still fails: the process was ended by signal %d (%s)\n", WTERMSIG(status),
