@@ -9,6 +9,7 @@
 #define STORAGE VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR
 #define ADDRESS VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT
 #define TABLE VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR
+#define INDIRECT VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT
 #define COPY_FROM VK_BUFFER_USAGE_TRANSFER_SRC_BIT
 
 /* A creation info with transfer usage added, in storage of its own. */
@@ -43,7 +44,8 @@ static void patch(const VkBufferCreateInfo *info, struct patched *out)
     out->changed = false;
     out->can_copy = (out->usage & COPY_FROM) != 0;
     out->external = external && external->handleTypes;
-    if (out->can_copy || !(out->usage & (BUILD_INPUT | TABLE)) || out->external ||
+    bool read = (out->usage & (BUILD_INPUT | TABLE)) || ((out->usage & INDIRECT) && (out->usage & ADDRESS));
+    if (out->can_copy || !read || out->external ||
         (info->flags & VK_BUFFER_CREATE_PROTECTED_BIT))
         return;
     if (wide && !copy_chain(out))

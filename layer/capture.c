@@ -42,6 +42,7 @@ void gn_captures_free(struct gn_device *device, struct gn_capture *capture)
         gn_staging_give(device, capture);
         free(capture->contents);
         gn_sbt_capture_free(capture->sbt);
+        free(capture->indirect);
         free(capture);
     }
 }

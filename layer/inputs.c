@@ -203,10 +203,9 @@ static void check_whole(const struct subject *subject, const VkAccelerationStruc
                update ? "updateScratchSize" : "buildScratchSize", NULL);
 }
 
-void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t index,
+void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index,
                      const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_fault **out)
 {
-    const VkAccelerationStructureBuildGeometryInfoKHR *info = &infos[index];
     struct gn_as *target = gn_as_get(device, info->dstAccelerationStructure);
     if (!target || (info->flags & VK_BUILD_ACCELERATION_STRUCTURE_MOTION_BIT_NV))
         return;

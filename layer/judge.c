@@ -178,9 +178,10 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
                                         commands ? commands->name : NULL};
     struct gn_object queue_object = {GN_OBJECT_QUEUE, queue ? (uint64_t)(uintptr_t)queue->handle : 0,
                                      queue ? queue->name : NULL};
-    char build[64] = "";
+    char build[80] = "";
     if (!capture->sbt)
-        snprintf(build, sizeof build, "vkCmdBuildAccelerationStructuresKHR, pInfos[%u],", capture->info);
+        snprintf(build, sizeof build, "vkCmdBuildAccelerationStructures%sKHR, pInfos[%u],", capture->indirect ? "Indirect" : "",
+                 capture->info);
     snprintf(place, sizeof place, "%s of %s in queue submission %llu (%s)", capture->sbt ? capture->sbt->command : build,
              gn_object_describe(&commands_object, commands_text, sizeof commands_text),
              (unsigned long long)judgement->submission,
@@ -201,6 +202,11 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
         gn_tally_check(device, GN_CHECKED_geometries, 1);
         return;
     }
+    const struct gn_instance_record *records = capture->records;
+    uint32_t count = capture->record_count;
+    bool partial = capture->partial;
+    if (capture->indirect && !(records = gn_indirect_judge(device, judgement, place, &count, &partial, out)))
+        return;
     const struct gn_recording *recording = judgement->recording;
     uint32_t first = judgement->event, command = recording->events[first].command;
     while (first && recording->events[first - 1].command == command)
@@ -210,8 +216,8 @@ void gn_judge_capture(struct gn_device *device, const struct gn_judgement *judge
             recording->events[i].target->mark = judgement->position;
     struct roll roll = {
         .device = device, .queue = judgement->queue, .position = judgement->position, .tlas = judgement->tlas,
-        .version = judgement->version, .judgement = judgement, .partial = capture->partial};
-    judge(&roll, judgement->tlas, capture->records, capture->record_count, place, out);
+        .version = judgement->version, .judgement = judgement, .partial = partial};
+    judge(&roll, judgement->tlas, records, count, place, out);
 }
 
 _Static_assert(sizeof(VkAccelerationStructureInstanceKHR) == sizeof(struct gn_instance_record),

@@ -249,6 +249,7 @@ struct gn_staging_block;
 /* What one recorded command reads from memory, as the GPU copies it: the instance records of a TLAS build, or a geometry of a BLAS
  * build. */
 struct gn_sbt_capture;
+struct gn_indirect_build;
 struct gn_capture {
     struct gn_staging_block *block;
     VkDeviceSize offset;
@@ -260,7 +261,8 @@ struct gn_capture {
     bool partial; /* the build reads more than these */
     uint32_t info, geometry; /* pInfos[info].pGeometries[geometry] */
     struct gn_geometry_contents *contents; /* of a geometry; else NULL */
-    struct gn_sbt_capture *sbt;            /* of a trace; NULL in both: instance records */
+    struct gn_sbt_capture *sbt;            /* of a trace */
+    struct gn_indirect_build *indirect;    /* of an indirect build; NULL in all three: instance records */
     struct gn_judgement *pending;
     struct gn_capture *next;               /* of the same event */
 };
@@ -568,6 +570,13 @@ bool gn_copies_add(struct gn_copies *copies, VkBuffer from, VkBuffer to, const V
 void gn_geometry_capture(struct gn_device *device, const struct gn_command_buffer *commands,
                          const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index,
                          const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_capture **out, struct gn_copies *copies);
+/* indirect.c: prepares to read the ranges of an indirect build, and its instances. GN_UNJUDGED_COUNT: nothing stands against it. */
+enum gn_unjudged gn_indirect_capture(struct gn_device *device, const struct gn_command_buffer *commands,
+                                     const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index, VkDeviceAddress address,
+                                     uint32_t stride, const uint32_t *maxima, struct gn_capture **out, struct gn_copies *copies);
+/* Judges the ranges, and gives the instances that were read of a TLAS; NULL: none are to be judged. */
+const struct gn_instance_record *gn_indirect_judge(struct gn_device *device, const struct gn_judgement *judgement, const char *place,
+                                                   uint32_t *out_count, bool *out_partial, struct gn_findings *out);
 /* Of one event: gives the staging memory back and frees the list. */
 void gn_captures_free(struct gn_device *device, struct gn_capture *capture);
 /* record.c, without the lock: records the copies before a command that reads the same memory in the stage `reader`. */
@@ -669,13 +678,15 @@ struct gn_event *gn_command_buffer_add(struct gn_device *device, struct gn_comma
 void gn_command_buffers_finish(struct gn_device *device);
 
 /* inputs.c: what can be said of a build as soon as it is recorded; with the device locked. Faults are appended to *out. */
-void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *infos, uint32_t index,
+void gn_inputs_check(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info, uint32_t index,
                      const VkAccelerationStructureBuildRangeInfoKHR *ranges, struct gn_fault **out);
 /* Finds the elements of one command that use the same memory; `out` has a list per element. */
 void gn_inputs_check_together(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *infos,
                               const VkAccelerationStructureBuildRangeInfoKHR *const *ranges, uint32_t count,
                               struct gn_fault **out);
 void gn_faults_free(struct gn_fault *fault);
+/* replay.c: of a command that has been executed. */
+void gn_fault_report(struct gn_device *device, struct gn_fault *fault, const char *place, struct gn_findings *out);
 /* The bytes of scratch memory that the driver wants for the build; without an answer none. */
 uint64_t gn_inputs_scratch_size(struct gn_device *device, const VkAccelerationStructureBuildGeometryInfoKHR *info,
                                 const VkAccelerationStructureBuildRangeInfoKHR *ranges);

@@ -322,34 +322,6 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdWriteAccelerationStructuresPropertiesKHR(
     device->next.CmdWriteAccelerationStructuresPropertiesKHR(handle, count, structures, type, pool, first);
 }
 
-VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresIndirectKHR(
-    VkCommandBuffer handle, uint32_t count, const VkAccelerationStructureBuildGeometryInfoKHR *infos,
-    const VkDeviceAddress *addresses, const uint32_t *strides, const uint32_t *const *maxima)
-{
-    struct gn_device *device = gn_device_of(handle);
-    gn_lock(device);
-    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
-    uint32_t command = commands ? gn_command_buffer_next(commands) : 0;
-    for (uint32_t i = 0; commands && i < count; i++) {
-        bool is_tlas = infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR;
-        struct gn_event event = {.kind = GN_EVENT_INDIRECT_BUILD,
-                                 .command = command,
-                                 .target = gn_as_get(device, infos[i].dstAccelerationStructure),
-                                 .source = gn_as_get(device, infos[i].srcAccelerationStructure),
-                                 .is_tlas = is_tlas,
-                                 .is_update = infos[i].mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR,
-                                 .shape = gn_shape_create(&infos[i], NULL),
-                                 .unjudged = is_tlas ? GN_UNJUDGED_indirect_builds : GN_UNJUDGED_COUNT};
-        event.accesses = gn_accesses_of_build(device, "vkCmdBuildAccelerationStructuresIndirectKHR", &infos[i], NULL, event.target,
-                                              event.is_update ? event.source : NULL);
-        if (!gn_command_buffer_add(device, commands, &event))
-            free(event.accesses);
-        gn_shape_release(event.shape);
-    }
-    gn_unlock(device);
-    device->next.CmdBuildAccelerationStructuresIndirectKHR(handle, count, infos, addresses, strides, maxima);
-}
-
 /* Prepares the copy of the instances that the build reads. Gives the reason when that cannot be done, GN_UNJUDGED_COUNT
  * otherwise; *out_capture stays NULL when there is nothing to read. */
 static enum gn_unjudged prepare_capture(struct gn_device *device, const struct gn_command_buffer *commands,
@@ -446,7 +418,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
     for (uint32_t i = 0; commands && i < count; i++) {
         const VkAccelerationStructureBuildGeometryInfoKHR *info = &infos[i];
         if (faults)
-            gn_inputs_check(device, infos, i, ranges[i], &faults[i]);
+            gn_inputs_check(device, info, i, ranges[i], &faults[i]);
         bool update = info->mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
         struct gn_event event = {.kind = update ? GN_EVENT_UPDATE : GN_EVENT_BUILD,
                                  .command = command,
@@ -481,4 +453,42 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresKHR(
     if (faults != few_faults)
         free(faults);
     device->next.CmdBuildAccelerationStructuresKHR(handle, count, infos, ranges);
+}
+
+VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBuildAccelerationStructuresIndirectKHR(
+    VkCommandBuffer handle, uint32_t count, const VkAccelerationStructureBuildGeometryInfoKHR *infos,
+    const VkDeviceAddress *addresses, const uint32_t *strides, const uint32_t *const *maxima)
+{
+    struct gn_device *device = gn_device_of(handle);
+    struct gn_copies copies;
+    bool simultaneous = false;
+    gn_copies_init(&copies);
+    gn_lock(device);
+    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
+    uint32_t command = commands ? gn_command_buffer_next(commands) : 0;
+    for (uint32_t i = 0; commands && i < count; i++) {
+        uint32_t copy_count = copies.count;
+        struct gn_event event = {.kind = GN_EVENT_INDIRECT_BUILD,
+                                 .command = command,
+                                 .target = gn_as_get(device, infos[i].dstAccelerationStructure),
+                                 .source = gn_as_get(device, infos[i].srcAccelerationStructure),
+                                 .is_tlas = infos[i].type == VK_ACCELERATION_STRUCTURE_TYPE_TOP_LEVEL_KHR,
+                                 .is_update = infos[i].mode == VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR,
+                                 .shape = gn_shape_create(&infos[i], NULL)};
+        event.unjudged = gn_indirect_capture(device, commands, &infos[i], i, addresses[i], strides[i], maxima[i], &event.capture, &copies);
+        event.accesses = gn_accesses_of_build(device, "vkCmdBuildAccelerationStructuresIndirectKHR", &infos[i], NULL, event.target,
+                                              event.is_update ? event.source : NULL);
+        if (!gn_command_buffer_add(device, commands, &event)) {
+            copies.count = copy_count;
+            free(event.accesses);
+            gn_captures_free(device, event.capture);
+        }
+        gn_shape_release(event.shape);
+        simultaneous = commands->simultaneous;
+    }
+    gn_unlock(device);
+    if (copies.count)
+        gn_copies_record(device, handle, &copies, VK_PIPELINE_STAGE_ACCELERATION_STRUCTURE_BUILD_BIT_KHR, simultaneous);
+    gn_copies_finish(&copies);
+    device->next.CmdBuildAccelerationStructuresIndirectKHR(handle, count, infos, addresses, strides, maxima);
 }

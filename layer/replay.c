@@ -301,26 +301,52 @@ static void suspect_command(struct gn_replay *replay, const struct gn_event *eve
     gn_tally_check(replay->device, GN_CHECKED_commands, 1);
 }
 
+/* A name may have been given, or changed, since the recording. Returns the place to fill in. */
+static const char **fault_prepare(struct gn_device *device, struct gn_fault *fault)
+{
+    if (fault->kind == GN_FAULT_CLASH) {
+        fault->of.clash.first_target.name = fault->structures[0]->name;
+        fault->of.clash.second_target.name = fault->structures[1]->name;
+        return &fault->of.clash.place;
+    }
+    if (fault->kind == GN_FAULT_INPUT) {
+        fault->of.input.target.name = fault->structures[0]->name;
+        return &fault->of.input.place;
+    }
+    char **pipeline = fault->structures[0] || !device->shaders
+                          ? NULL
+                          : gn_pipeline_name(device, VK_OBJECT_TYPE_PIPELINE, fault->of.demand.target.handle);
+    fault->of.demand.target.name = fault->structures[0] ? fault->structures[0]->name : pipeline ? *pipeline : NULL;
+    return &fault->of.demand.place;
+}
+
 static void suspect_faults(struct gn_replay *replay, const struct gn_event *event, uint64_t position)
 {
     for (struct gn_fault *fault = event->faults; fault; fault = fault->next) {
-        const char **place = fault->kind == GN_FAULT_CLASH    ? &fault->of.clash.place
-                             : fault->kind == GN_FAULT_DEMAND ? &fault->of.demand.place
-                                                              : &fault->of.input.place;
-        /* A name may have been given, or changed, since the recording. */
-        if (fault->kind == GN_FAULT_CLASH) {
-            fault->of.clash.first_target.name = fault->structures[0]->name;
-            fault->of.clash.second_target.name = fault->structures[1]->name;
-        } else if (fault->kind == GN_FAULT_DEMAND) {
-            char **pipeline = fault->structures[0] || !replay->device->shaders
-                                  ? NULL
-                                  : gn_pipeline_name(replay->device, VK_OBJECT_TYPE_PIPELINE, fault->of.demand.target.handle);
-            fault->of.demand.target.name = fault->structures[0] ? fault->structures[0]->name : pipeline ? *pipeline : NULL;
-        } else {
-            fault->of.input.target.name = fault->structures[0]->name;
-        }
+        const char **place = fault_prepare(replay->device, fault);
         gn_replay_suspect(replay, event, &(struct gn_suspect){.judge = judge_fault, .value = fault, .place = place}, false, position);
     }
+}
+
+static const char *given_place(void *context)
+{
+    return context;
+}
+
+void gn_fault_report(struct gn_device *device, struct gn_fault *fault, const char *place, struct gn_findings *out)
+{
+    struct gn_findings found;
+    struct gn_pending_finding *finding;
+    gn_findings_init(&found);
+    gn_report_suspect(device->instance,
+                      &(struct gn_suspect){.judge = judge_fault,
+                                           .value = fault,
+                                           .place = fault_prepare(device, fault),
+                                           .make_place = given_place,
+                                           .context = (void *)(uintptr_t)place},
+                      &found);
+    while ((finding = gn_findings_take(&found)))
+        gn_report_confirm(device->instance, finding, out);
 }
 
 /* So that a finding about the source can say where its contents went. */
@@ -487,6 +513,8 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
         if (!event->is_tlas) {
             for (struct gn_capture *capture = event->capture; capture; capture = capture->next)
                 expect_judgement(replay, recording, i, capture, position);
+            if (event->unjudged != GN_UNJUDGED_COUNT)
+                gn_tally_unjudged(device, event->unjudged, 1);
             continue;
         }
         if (event->unjudged != GN_UNJUDGED_COUNT)

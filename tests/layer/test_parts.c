@@ -39,10 +39,12 @@ static void an_indirect_build_counts_as_built(void **state)
     job_fill(&jobs[0], fixture, blas, BOTTOM);
     job_fill(&jobs[1], fixture, tlas, TOP);
     VkAccelerationStructureBuildGeometryInfoKHR infos[2] = {jobs[0].info, jobs[1].info};
-    gn_entry_CmdBuildAccelerationStructuresIndirectKHR(fixture->commands[0], 2, infos, NULL, NULL, NULL);
+    const VkDeviceAddress addresses[2] = {1, 1};
+    const uint32_t strides[2] = {16, 16}, maximum = 1, *maxima[2] = {&maximum, &maximum};
+    gn_entry_CmdBuildAccelerationStructuresIndirectKHR(fixture->commands[0], 2, infos, addresses, strides, maxima);
     VkSubmitInfo info = {.sType = VK_STRUCTURE_TYPE_SUBMIT_INFO, .commandBufferCount = 1, .pCommandBuffers = fixture->commands};
     gn_entry_QueueSubmit((VkQueue)(void *)&fake_queues[0], 1, &info, VK_NULL_HANDLE);
-    assert_int_equal(unjudged(fixture, GN_UNJUDGED_indirect_builds), 1);
+    assert_int_equal(unjudged(fixture, GN_UNJUDGED_indirect_builds), 2);
     fixture->record.accelerationStructureReference = (uint64_t)blas << 8;
     on_queue(fixture, 0, 1, tlas, TOP, VK_NULL_HANDLE);
     gn_device_collect(fixture->device);
