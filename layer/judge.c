@@ -84,6 +84,48 @@ static uint32_t look_up(struct roll *roll, uint64_t reference)
     return roll->count++;
 }
 
+/* The last geometry of a BLAS; 0 where that is not known for sure. */
+static uint32_t last_geometry(const struct roll *roll, const struct gn_as *as)
+{
+    const struct gn_write *last = as->writes ? &as->last_writes[(as->writes - 1) % 4] : NULL;
+    bool sure = last && last->position && last->position < roll->position && as->shape && !as->shape->shape.is_top &&
+                gn_as_sure(as, roll->queue, roll->position, seen_by(roll));
+    return sure && as->shape->shape.geometry_count ? as->shape->shape.geometry_count - 1 : 0;
+}
+
+static void reach(struct gn_reaches *reaches, uint32_t geometry, uint32_t offset, uint32_t instance)
+{
+    struct gn_reach *found = NULL;
+    for (uint32_t i = 0; i < reaches->count && !found; i++)
+        if (reaches->list[i].geometry == geometry)
+            found = &reaches->list[i];
+    if (!found && reaches->count < sizeof reaches->list / sizeof reaches->list[0]) {
+        found = &reaches->list[reaches->count++];
+        *found = (struct gn_reach){geometry, offset, instance};
+    } else if (found && offset > found->offset) {
+        *found = (struct gn_reach){geometry, offset, instance};
+    }
+}
+
+/* What hits on further geometries reach. Without memory less is found. */
+static void set_reaches(const struct roll *roll, struct gn_as *tlas, const struct gn_instance_record *records, const uint32_t *refers_to,
+                        uint32_t count)
+{
+    struct gn_reaches reaches = {.count = 0};
+    bool several = false;
+    free(tlas->reaches);
+    tlas->reaches = NULL;
+    for (uint32_t s = 0; s < roll->count && !several; s++)
+        several = last_geometry(roll, roll->owners[s]) > 0;
+    for (uint32_t i = 0; several && i < count; i++) {
+        uint32_t geometry = refers_to[i] < roll->count ? last_geometry(roll, roll->owners[refers_to[i]]) : 0;
+        if (geometry && records[i].custom_index_and_mask >> 24)
+            reach(&reaches, geometry, records[i].sbt_offset_and_flags & 0xFFFFFF, i);
+    }
+    if (reaches.count && (tlas->reaches = malloc(sizeof reaches)))
+        *tlas->reaches = reaches;
+}
+
 static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instance_record *records, uint32_t count,
                   const char *place, struct gn_findings *out)
 {
@@ -148,6 +190,8 @@ static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instanc
     tlas->highest_offset = survey.highest_offset;
     tlas->highest_offset_at = survey.highest_offset_at;
     tlas->highest_offset_of = roll->version;
+    if (atomic_load_explicit(&device->ray_pipelines, memory_order_relaxed))
+        set_reaches(roll, tlas, records, refers_to, count);
     if (!roll->partial && !unordered)
         gn_members_set(device, tlas, roll->version, roll->queue, roll->position, roll->owners, roll->count);
     gn_tally_check(device, GN_CHECKED_tlas_builds, 1);

@@ -180,6 +180,14 @@ struct gn_changes {
     uint64_t dropped, dropped_position;
 };
 
+/* Of instances whose BLAS has several geometries: for a geometry, the highest shader-binding-table offset, and who has it. */
+struct gn_reaches {
+    uint32_t count;
+    struct gn_reach {
+        uint32_t geometry, offset, instance;
+    } list[4];
+};
+
 /* An acceleration structure. Lives on after its destruction while a recording or a judgement refers to it. */
 struct gn_as {
     VkAccelerationStructureKHR handle;
@@ -222,6 +230,7 @@ struct gn_as {
     struct gn_instance_tag *tag;       /* what its instances are declared to hold; NULL: the settings say it */
     uint32_t highest_offset, highest_offset_at; /* the highest shader-binding-table offset of its instances, and who has it */
     uint64_t highest_offset_of;        /* the write that this is about; 0: not known */
+    struct gn_reaches *reaches;        /* the same of instances with several geometries; NULL: there are none */
     struct gn_as *next_destroyed;
 };
 

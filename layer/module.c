@@ -12,6 +12,7 @@
 
 enum {
     OP_ENTRY_POINT = 15,
+    OP_CONSTANT = 43,
     OP_FUNCTION = 54,
     OP_FUNCTION_END = 56,
     OP_VARIABLE = 59,
@@ -57,6 +58,7 @@ static VkShaderStageFlags stage_of(uint32_t model)
 /* Of each id what matters: where a variable is bound, and which variable was loaded into it. */
 struct id {
     uint32_t set, binding, loaded_from, block;
+    uint32_t value; /* of a constant that nothing specializes; else 0 */
     bool is_variable;
 };
 
@@ -112,6 +114,10 @@ static void declare(struct scan *scan, size_t at, size_t size)
         if (size >= 4 && (id = id_at(scan, words[2])))
             id->is_variable = true;
         break;
+    case OP_CONSTANT:
+        if (size >= 4 && (id = id_at(scan, words[2])))
+            id->value = words[3];
+        break;
     case OP_LOAD:
         if (size >= 4 && (id = id_at(scan, words[2])))
             id->loaded_from = words[3];
@@ -134,15 +140,32 @@ static const struct id *traced(const struct scan *scan, size_t at, size_t size)
     return variable && variable->is_variable && variable->set != NOWHERE && variable->binding != NOWHERE ? variable : NULL;
 }
 
-static void add(struct gn_static_uses *uses, const struct scan *scan, const struct id *variable, bool always)
+/* The four bits that an operand of OpTraceRay counts with; 0 unless it is a constant. */
+static uint32_t operand(const struct scan *scan, size_t at, size_t size, uint32_t word)
 {
-    for (uint32_t i = 0; i < uses->count; i++)
-        if (uses->uses[i].set == variable->set && uses->uses[i].binding == variable->binding) {
-            uses->uses[i].always |= always;
-            return;
-        }
-    if (uses->count < MAX_USES)
-        uses->uses[uses->count++] = (struct gn_static_use){variable->set, variable->binding, scan->stage, always};
+    const struct id *id = word < size ? id_at(scan, scan->words[at + word]) : NULL;
+    return id ? id->value & 0xF : 0;
+}
+
+static void add(struct gn_static_uses *uses, const struct scan *scan, size_t at, size_t size, const struct id *variable, bool always)
+{
+    struct gn_static_use *use = NULL;
+    for (uint32_t i = 0; i < uses->count && !use; i++)
+        if (uses->uses[i].set == variable->set && uses->uses[i].binding == variable->binding)
+            use = &uses->uses[i];
+    if (!use && uses->count == MAX_USES)
+        return;
+    if (!use) {
+        use = &uses->uses[uses->count++];
+        *use = (struct gn_static_use){.set = variable->set, .binding = variable->binding, .stages = scan->stage};
+    }
+    use->always |= always;
+    if (opcode(scan, at) != OP_TRACE_RAY)
+        return;
+    uint32_t offset = operand(scan, at, size, 4), stride = operand(scan, at, size, 5);
+    use->ray_offset = use->rays && use->ray_offset < offset ? use->ray_offset : offset;
+    use->ray_stride = use->rays && use->ray_stride < stride ? use->ray_stride : stride;
+    use->rays = true;
 }
 
 /* From the start of the entry point along plain branches: what stands there is executed by every invocation. */
@@ -156,7 +179,7 @@ static void follow(const struct scan *scan, struct gn_static_uses *uses)
         const struct id *variable = traced(scan, at, size);
         uint32_t operation = opcode(scan, at);
         if (variable)
-            add(uses, scan, variable, true);
+            add(uses, scan, at, size, variable, true);
         if (operation == OP_BRANCH && size >= 2) {
             const struct id *target = id_at(scan, scan->words[at + 1]);
             if (!target || target->block == NOWHERE)
@@ -184,7 +207,7 @@ struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count)
     if (!scan.ids)
         return NULL;
     for (uint32_t i = 0; i < scan.bound; i++)
-        scan.ids[i] = (struct id){NOWHERE, NOWHERE, NOWHERE, NOWHERE, false};
+        scan.ids[i] = (struct id){NOWHERE, NOWHERE, NOWHERE, NOWHERE, 0, false};
     for (size_t at = 5; (size = length(&scan, at)); at += size)
         declare(&scan, at, size);
     if (scan.entry_count == 1 && scan.stage)
@@ -194,7 +217,7 @@ struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count)
         for (size_t at = 5; (size = length(&scan, at)); at += size) {
             const struct id *variable = traced(&scan, at, size);
             if (variable)
-                add(uses, &scan, variable, false);
+                add(uses, &scan, at, size, variable, false);
         }
         follow(&scan, uses);
     }

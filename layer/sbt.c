@@ -150,12 +150,6 @@ unread:
     return NULL;
 }
 
-void gn_sbt_unread(struct gn_device *device)
-{
-    if (atomic_load_explicit(&device->ray_pipelines, memory_order_acquire))
-        gn_tally_unjudged(device, GN_UNJUDGED_unreadable_sbt, 1);
-}
-
 void gn_sbt_trace(struct gn_device *device, VkCommandBuffer handle, const VkStridedDeviceAddressRegionKHR *const parts[GN_SBT_PARTS],
                   const char *command, uint64_t invocations)
 {
@@ -210,6 +204,59 @@ done:
     gn_copies_finish(&copies);
 }
 
+void gn_sbt_trace_indirect(struct gn_device *device, VkCommandBuffer handle, VkDeviceAddress address)
+{
+    const VkDeviceSize size = sizeof(VkTraceRaysIndirectCommand2KHR);
+    struct gn_copies copies;
+    bool simultaneous = false;
+    if (!atomic_load_explicit(&device->ray_pipelines, memory_order_acquire))
+        return;
+    gn_copies_init(&copies);
+    gn_lock(device);
+    struct gn_command_buffer *commands = gn_command_buffer_get(device, handle);
+    const struct gn_buffer *buffer = gn_buffer_other(device, address, size);
+    if (!buffer)
+        buffer = gn_buffer_holding(device, address, size);
+    struct gn_capture *capture = NULL;
+    struct gn_sbt_capture *sbt = NULL;
+    if (!commands || !commands->rays) {
+        gn_tally_unjudged(device, GN_UNJUDGED_unknown_rays, 1);
+        goto done;
+    }
+    if (!device->copies || commands->pool->is_protected || !buffer || !buffer->can_copy || !device->instance->settings.sbt_cap)
+        goto unread;
+    capture = calloc(1, sizeof *capture);
+    sbt = calloc(1, sizeof *sbt);
+    if (!capture || !sbt || !gn_staging_take(device, size, capture)) {
+        free(capture);
+        free(sbt);
+        goto unread;
+    }
+    *sbt = (struct gn_sbt_capture){.command = "vkCmdTraceRaysIndirect2KHR", .rays = commands->rays, .indirect = true};
+    sbt->rays->references++;
+    sbt->use = gn_use_make(device, commands, GN_BIND_RAYS, sbt->command, false);
+    capture->sbt = sbt;
+    VkBufferCopy region = {address - buffer->range.base, capture->offset, size};
+    struct gn_event event = {.kind = GN_EVENT_TRACE,
+                             .command = gn_command_buffer_next(commands),
+                             .capture = capture,
+                             .unjudged = GN_UNJUDGED_COUNT};
+    simultaneous = commands->simultaneous;
+    if (!gn_copies_add(&copies, buffer->handle, gn_staging_buffer(capture), &region) ||
+        !gn_command_buffer_add(device, commands, &event)) {
+        copies.count = 0;
+        gn_captures_free(device, capture);
+    }
+    goto done;
+unread:
+    gn_tally_unjudged(device, GN_UNJUDGED_unreadable_sbt, 1);
+done:
+    gn_unlock(device);
+    if (copies.count)
+        gn_copies_record(device, handle, &copies, VK_PIPELINE_STAGE_DRAW_INDIRECT_BIT, simultaneous);
+    gn_copies_finish(&copies);
+}
+
 void gn_sbt_executed(struct gn_sbt_capture *sbt)
 {
     for (uint32_t i = 0; i < sbt->tlas_count; i++)
@@ -218,9 +265,17 @@ void gn_sbt_executed(struct gn_sbt_capture *sbt)
     for (uint32_t i = 0; sbt->use && i < sbt->use->count && sbt->tlas_count < GN_SBT_MAX_TLAS; i++) {
         const struct gn_use_entry *entry = &sbt->use->entries[i];
         struct gn_as *tlas = entry->set->slots[entry->slot];
-        if (!tlas || tlas->destroyed_at)
+        uint32_t at = 0;
+        if (!tlas || tlas->destroyed_at || !entry->rays)
             continue;
-        sbt->versions[sbt->tlas_count] = tlas->writes;
+        while (at < sbt->tlas_count && sbt->tlas[at] != tlas)
+            at++;
+        bool known = at < sbt->tlas_count;
+        sbt->ray_offsets[at] = known && sbt->ray_offsets[at] < entry->ray_offset ? sbt->ray_offsets[at] : entry->ray_offset;
+        sbt->ray_strides[at] = known && sbt->ray_strides[at] < entry->ray_stride ? sbt->ray_strides[at] : entry->ray_stride;
+        if (known)
+            continue;
+        sbt->versions[at] = tlas->writes;
         sbt->tlas[sbt->tlas_count++] = gn_as_keep(tlas);
     }
 }
@@ -294,6 +349,63 @@ static const char *name_of(struct gn_device *device, const struct gn_rays *rays)
     return name ? *name : NULL;
 }
 
+static void reach(const struct gn_sbt_capture *captured, uint32_t at, const struct gn_reach *reached, struct gn_sbt *sbt)
+{
+    const struct gn_as *tlas = captured->tlas[at];
+    uint64_t record = (uint64_t)reached->offset + (uint64_t)reached->geometry * captured->ray_strides[at] + captured->ray_offsets[at];
+    if (sbt->tlas.kind != GN_OBJECT_NONE && record <= sbt->record)
+        return;
+    sbt->tlas = (struct gn_object){GN_OBJECT_TLAS, (uint64_t)tlas->handle, tlas->name};
+    sbt->tlas_id = tlas->id;
+    sbt->record = record;
+    sbt->instance = reached->instance;
+    sbt->instance_offset = reached->offset;
+    sbt->geometry = reached->geometry;
+    sbt->ray_stride = captured->ray_strides[at];
+    sbt->ray_offset = captured->ray_offsets[at];
+}
+
+/* The highest record that the instances of a TLAS need. */
+static void reach_all(const struct gn_sbt_capture *captured, uint32_t at, struct gn_sbt *sbt)
+{
+    const struct gn_as *tlas = captured->tlas[at];
+    const struct gn_reach plain = {0, tlas->highest_offset, tlas->highest_offset_at};
+    reach(captured, at, &plain, sbt);
+    for (uint32_t i = 0; tlas->reaches && i < tlas->reaches->count; i++)
+        reach(captured, at, &tlas->reaches->list[i], sbt);
+}
+
+/* The regions as the trace found them in memory. False if it traced nothing. */
+static bool read_regions(struct gn_device *device, const struct gn_capture *capture, const char *place, struct gn_sbt *sbt,
+                         struct gn_findings *out)
+{
+    const struct gn_sbt_capture *captured = capture->sbt;
+    struct subject subject = {.device = device, .rays = captured->rays};
+    VkTraceRaysIndirectCommand2KHR command;
+    uint64_t invocations, most = device->ray_limits.maxRayDispatchInvocationCount;
+    memcpy(&command, capture->bytes, sizeof command);
+    if (__builtin_mul_overflow((uint64_t)command.width * command.height, command.depth, &invocations))
+        invocations = UINT64_MAX;
+    if (!invocations)
+        return false;
+    if (most && invocations > most)
+        demand(&subject, GN_DEMAND_SBT_LIMIT, "width * height * depth", invocations, most, "maxRayDispatchInvocationCount", NULL);
+    const VkStridedDeviceAddressRegionKHR regions[GN_SBT_PARTS] = {
+        {command.raygenShaderRecordAddress, command.raygenShaderRecordSize, command.raygenShaderRecordSize},
+        {command.missShaderBindingTableAddress, command.missShaderBindingTableStride, command.missShaderBindingTableSize},
+        {command.hitShaderBindingTableAddress, command.hitShaderBindingTableStride, command.hitShaderBindingTableSize},
+        {command.callableShaderBindingTableAddress, command.callableShaderBindingTableStride, command.callableShaderBindingTableSize}};
+    for (int part = 0; part < GN_SBT_PARTS; part++) {
+        check_part(&subject, (enum gn_sbt_part)part, &regions[part]);
+        sbt->regions[part] = gn_sbt_region_of((enum gn_sbt_part)part, &regions[part], captured->rays->handle_size);
+    }
+    for (struct gn_fault *fault = subject.faults; fault; fault = fault->next)
+        gn_fault_report(device, fault, place, out);
+    gn_faults_free(subject.faults);
+    gn_tally_unjudged(device, GN_UNJUDGED_unreadable_sbt, 1);
+    return true;
+}
+
 void gn_sbt_judge(struct gn_device *device, const struct gn_capture *capture, const char *place, struct gn_findings *out)
 {
     const struct gn_sbt_capture *captured = capture->sbt;
@@ -307,6 +419,8 @@ void gn_sbt_judge(struct gn_device *device, const struct gn_capture *capture, co
                          .no_null_hit = (rays->flags & (VK_PIPELINE_CREATE_2_RAY_TRACING_NO_NULL_CLOSEST_HIT_SHADERS_BIT_KHR |
                                                         VK_PIPELINE_CREATE_2_RAY_TRACING_NO_NULL_INTERSECTION_SHADERS_BIT_KHR)) != 0};
     memcpy(sbt.regions, captured->regions, sizeof sbt.regions);
+    if (captured->indirect && !read_regions(device, capture, place, &sbt, out))
+        return;
     for (int part = 0; part < GN_SBT_PARTS; part++) {
         struct gn_sbt_region *region = &sbt.regions[part];
         for (uint64_t i = 0; i < region->read; i++) {
@@ -317,15 +431,9 @@ void gn_sbt_judge(struct gn_device *device, const struct gn_capture *capture, co
             gn_tally_check(device, GN_CHECKED_sbt_records, 1);
         }
     }
-    for (uint32_t i = 0; i < captured->tlas_count; i++) {
-        const struct gn_as *tlas = captured->tlas[i];
-        if (tlas->highest_offset_of != captured->versions[i] || (i && tlas->highest_offset <= sbt.highest_offset))
-            continue;
-        sbt.tlas = (struct gn_object){GN_OBJECT_TLAS, (uint64_t)tlas->handle, tlas->name};
-        sbt.tlas_id = tlas->id;
-        sbt.highest_offset = tlas->highest_offset;
-        sbt.highest_offset_at = tlas->highest_offset_at;
-    }
+    for (uint32_t i = 0; i < captured->tlas_count; i++)
+        if (captured->tlas[i]->highest_offset_of == captured->versions[i])
+            reach_all(captured, i, &sbt);
     gn_report_sbt(device->instance, &sbt, out);
     gn_tally_check(device, GN_CHECKED_traces, 1);
 }

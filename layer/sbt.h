@@ -31,12 +31,14 @@ struct gn_sbt_capture {
     const char *command;
     struct gn_rays *rays;
     bool runs;
+    bool indirect; /* the regions are what is copied, not the records */
     struct gn_sbt_region regions[GN_SBT_PARTS];
     VkDeviceSize offsets[GN_SBT_PARTS];
     struct gn_use *use; /* what its shaders trace through; NULL: not known */
     /* The TLASes in those descriptors when it was executed last, and what each held. */
     struct gn_as *tlas[GN_SBT_MAX_TLAS];
     uint64_t versions[GN_SBT_MAX_TLAS];
+    uint32_t ray_offsets[GN_SBT_MAX_TLAS], ray_strides[GN_SBT_MAX_TLAS]; /* the least that rays through it add */
     uint32_t tlas_count;
 };
 
@@ -53,8 +55,8 @@ void gn_rays_finish(struct gn_device *device);
 /* Records what is needed to judge the table of a trace; called before the trace is. `invocations` is UINT64_MAX where the device decides. */
 void gn_sbt_trace(struct gn_device *device, VkCommandBuffer handle, const VkStridedDeviceAddressRegionKHR *const parts[GN_SBT_PARTS],
                   const char *command, uint64_t invocations);
-/* The table lies in memory that is not read. */
-void gn_sbt_unread(struct gn_device *device);
+/* The same of vkCmdTraceRaysIndirect2KHR, whose regions lie in memory. */
+void gn_sbt_trace_indirect(struct gn_device *device, VkCommandBuffer handle, VkDeviceAddress address);
 /* The records of a region that hold a whole handle. */
 struct gn_sbt_region gn_sbt_region_of(enum gn_sbt_part part, const VkStridedDeviceAddressRegionKHR *region, uint32_t handle_size);
 /* With the device locked: what the trace reads when it is executed; and the judgement once it has completed. */

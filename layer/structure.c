@@ -24,6 +24,7 @@ void gn_as_release(struct gn_as *as)
     gn_shape_release(as->shape);
     gn_members_free(as->members);
     free(as->moved_to);
+    free(as->reaches);
     free(as->digests);
     free(as->built);
     free(as->name);

@@ -68,6 +68,9 @@ struct gn_use *gn_use_make(struct gn_device *device, const struct gn_command_buf
             .set = set,
             .slot = slot,
             .stages = wanted->stages,
+            .rays = wanted->rays,
+            .ray_offset = wanted->ray_offset,
+            .ray_stride = wanted->ray_stride,
             .certain = runs && wanted->always && (wanted->stages & first_stages(point, uses))};
     }
     return use;
@@ -197,7 +200,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdTraceRaysIndirect2KHR(VkCommandBuffer han
 {
     struct gn_device *device = gn_device_of(handle);
     watch(device, handle, GN_BIND_RAYS, "vkCmdTraceRaysIndirect2KHR", false);
-    gn_sbt_unread(device);
+    gn_sbt_trace_indirect(device, handle, address);
     gn_launch_tell(device, handle, NULL);
     device->next.CmdTraceRaysIndirect2KHR(handle, address);
 }

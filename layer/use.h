@@ -11,6 +11,8 @@ struct gn_static_use {
     uint32_t set, binding;
     VkShaderStageFlags stages;
     bool always; /* every invocation of that stage traces through it */
+    bool rays;   /* by OpTraceRay, with at least these operands */
+    uint32_t ray_offset, ray_stride;
 };
 
 struct gn_static_uses {
@@ -107,6 +109,8 @@ struct gn_use_entry {
     uint32_t slot;
     VkShaderStageFlags stages;
     bool certain; /* if the command runs, some invocation traces through it */
+    bool rays;
+    uint32_t ray_offset, ray_stride;
 };
 struct gn_use {
     const char *command;

@@ -289,7 +289,7 @@ static void hit_beyond_table(const struct gn_sbt *sbt, struct gn_report *report)
 {
     const struct gn_sbt_region *hit = &sbt->regions[GN_SBT_HIT];
     uint64_t site;
-    if (sbt->tlas.kind == GN_OBJECT_NONE || !hit->records || !hit->stride || sbt->highest_offset < hit->records)
+    if (sbt->tlas.kind == GN_OBJECT_NONE || !hit->records || !hit->stride || sbt->record < hit->records)
         return;
     site = gn_report_site(report, sbt->pipeline_id, sbt->tlas_id);
     if (!gn_report_is_new(report, site))
@@ -297,19 +297,19 @@ static void hit_beyond_table(const struct gn_sbt *sbt, struct gn_report *report)
     char pipeline[256], tlas[256];
     struct gn_object objects[] = {sbt->pipeline, sbt->tlas};
     gn_report_add(report, site, objects, 2,
-                  "instance %u of %s has the shader-binding-table offset %u, but the hit region of this trace with %s has %llu records: any hit on "
-                  "the instance reads behind it, whatever geometry index and ray add. Found in %s.",
-                  sbt->highest_offset_at, gn_object_describe(&sbt->tlas, tlas, sizeof tlas), sbt->highest_offset,
-                  gn_object_describe(&sbt->pipeline, pipeline, sizeof pipeline), (unsigned long long)hit->records,
-                  sbt->place ? sbt->place : "a trace");
+                  "instance %u of %s has the shader-binding-table offset %u, and rays of %s add at least %u, and %u for each geometry: "
+                  "a hit on geometry %u reads record %llu, but the hit region of this trace has %llu. Found in %s.",
+                  sbt->instance, gn_object_describe(&sbt->tlas, tlas, sizeof tlas), sbt->instance_offset,
+                  gn_object_describe(&sbt->pipeline, pipeline, sizeof pipeline), sbt->ray_offset, sbt->ray_stride, sbt->geometry,
+                  (unsigned long long)sbt->record, (unsigned long long)hit->records, sbt->place ? sbt->place : "a trace");
 }
 
 const struct gn_rule gn_rule_sbt_hit_beyond_table = {
     .id = "sbt.hit_beyond_table",
     .title = "Instance whose hit records lie behind the table",
-    .text = "The hit record of a ray is instance offset + geometry index * ray stride + ray offset, and lies in the hit region. An instance "
-            "offset at or above the number of records never does.",
-    .remedy = "Write one hit record per instance and ray type, and offsets that count them; or give the hit region its full size.",
+    .text = "The hit record of a ray is instance offset + geometry index * ray stride + ray offset, and lies in the hit region.",
+    .remedy = "Write one hit record per geometry and ray type, and instance offsets that count them; or give the hit region its full "
+              "size.",
     .sources = {"Vulkan: Hit Shader Addressing", "DE-097", "DE-098", "DE-100"},
     .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_WARNING,
                  [GN_PROFILE_WGPU] = GN_SEVERITY_WARNING,

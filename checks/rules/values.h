@@ -274,7 +274,10 @@ struct gn_sbt {
     struct gn_sbt_region regions[GN_SBT_PARTS];
     struct gn_object tlas; /* one that the pipeline traces through; kind is GN_OBJECT_NONE if none is known */
     uint64_t tlas_id;
-    uint32_t highest_offset, highest_offset_at; /* of its instances */
+    /* The highest hit record that its instances need for certain, and how it comes about: the instance's offset, a geometry of what it
+     * refers to, and the least that any ray of the pipeline adds (stride per geometry, and offset). */
+    uint64_t record;
+    uint32_t instance, instance_offset, geometry, ray_stride, ray_offset;
 };
 
 /* One instance of a TLAS as it lies in memory: 64 bytes, the layout that all APIs share. */

@@ -234,6 +234,12 @@ void buffer_destroy(struct world *world, struct buffer *buffer)
 }
 
 /* The one geometry of a structure. */
+/* Of both geometries, if there are two. */
+struct geometries {
+    VkAccelerationStructureGeometryKHR list[2];
+    VkAccelerationStructureBuildRangeInfoKHR ranges[2];
+};
+
 static VkAccelerationStructureGeometryKHR geometry_of(const struct structure *structure)
 {
     VkAccelerationStructureGeometryKHR geometry = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,
@@ -256,17 +262,21 @@ static VkAccelerationStructureGeometryKHR geometry_of(const struct structure *st
     return geometry;
 }
 
-static VkAccelerationStructureBuildGeometryInfoKHR build_of(const struct structure *structure,
-                                                            const VkAccelerationStructureGeometryKHR *geometry)
+static VkAccelerationStructureBuildGeometryInfoKHR build_of(const struct structure *structure, struct geometries *geometries)
 {
+    for (int g = 0; g < 2; g++) {
+        geometries->list[g] = geometry_of(structure);
+        geometries->ranges[g] =
+            (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = structure->count, .primitiveOffset = structure->offset};
+    }
     return (VkAccelerationStructureBuildGeometryInfoKHR){
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_GEOMETRY_INFO_KHR,
         .type = structure->type,
         .flags = structure->flags,
         .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR,
         .dstAccelerationStructure = structure->handle,
-        .geometryCount = 1,
-        .pGeometries = geometry,
+        .geometryCount = structure->twice ? 2 : 1,
+        .pGeometries = geometries->list,
         .scratchData.deviceAddress = structure->scratch.address};
 }
 
@@ -285,12 +295,13 @@ void structure_create_handle(struct world *world, struct structure *structure, V
 
 static void structure_fill(struct world *world, struct structure *structure, VkAccelerationStructureTypeKHR created_as)
 {
-    VkAccelerationStructureGeometryKHR geometry = geometry_of(structure);
-    VkAccelerationStructureBuildGeometryInfoKHR build = build_of(structure, &geometry);
+    struct geometries geometries;
+    VkAccelerationStructureBuildGeometryInfoKHR build = build_of(structure, &geometries);
+    const uint32_t counts[2] = {structure->count, structure->count};
     VkAccelerationStructureBuildSizesInfoKHR sizes = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_BUILD_SIZES_INFO_KHR};
     world->GetAccelerationStructureBuildSizesKHR(world->device, VK_ACCELERATION_STRUCTURE_BUILD_TYPE_DEVICE_KHR, &build,
-                                                 &structure->count, &sizes);
+                                                 counts, &sizes);
     VkDeviceSize scratch = sizes.buildScratchSize > sizes.updateScratchSize ? sizes.buildScratchSize : sizes.updateScratchSize;
     structure->size = sizes.accelerationStructureSize;
     structure->storage =
@@ -299,15 +310,27 @@ static void structure_fill(struct world *world, struct structure *structure, VkA
     structure_create_handle(world, structure, created_as);
 }
 
-struct structure blas_create(struct world *world, VkAccelerationStructureTypeKHR type,
-                             VkBuildAccelerationStructureFlagsKHR flags)
+static struct structure triangle_create(struct world *world, VkAccelerationStructureTypeKHR type,
+                                        VkBuildAccelerationStructureFlagsKHR flags, bool twice)
 {
     static const float triangle[9] = {0, 0, 0, 1, 0, 0, 0, 1, 0};
-    struct structure blas = {.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, .count = 1, .max_vertex = 2, .flags = flags};
+    struct structure blas = {.type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, .count = 1, .max_vertex = 2, .flags = flags,
+                             .twice = twice};
     blas.input = buffer_create(world, sizeof triangle, VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
     memcpy(blas.input.mapped, triangle, sizeof triangle);
     structure_fill(world, &blas, type);
     return blas;
+}
+
+struct structure blas_create(struct world *world, VkAccelerationStructureTypeKHR type,
+                             VkBuildAccelerationStructureFlagsKHR flags)
+{
+    return triangle_create(world, type, flags, false);
+}
+
+struct structure blas_create_twice(struct world *world)
+{
+    return triangle_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0, true);
 }
 
 struct structure target_create(struct world *world, VkAccelerationStructureTypeKHR type, VkDeviceSize size)
@@ -399,17 +422,13 @@ void commands_end(VkCommandBuffer commands)
 
 void commands_build(struct world *world, VkCommandBuffer commands, struct structure *const *structures, uint32_t count)
 {
-    VkAccelerationStructureGeometryKHR geometries[8];
+    struct geometries geometries[8];
     VkAccelerationStructureBuildGeometryInfoKHR builds[8];
-    VkAccelerationStructureBuildRangeInfoKHR ranges[8];
     const VkAccelerationStructureBuildRangeInfoKHR *range_pointers[8];
     assert_true(count <= 8);
     for (uint32_t i = 0; i < count; i++) {
-        geometries[i] = geometry_of(structures[i]);
         builds[i] = build_of(structures[i], &geometries[i]);
-        ranges[i] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = structures[i]->count,
-                                                              .primitiveOffset = structures[i]->offset};
-        range_pointers[i] = &ranges[i];
+        range_pointers[i] = geometries[i].ranges;
     }
     world->CmdBuildAccelerationStructuresKHR(commands, count, builds, range_pointers);
 }
@@ -421,10 +440,9 @@ void commands_build_one(struct world *world, VkCommandBuffer commands, struct st
 
 void commands_update(struct world *world, VkCommandBuffer commands, struct structure *structure)
 {
-    VkAccelerationStructureGeometryKHR geometry = geometry_of(structure);
-    VkAccelerationStructureBuildGeometryInfoKHR build = build_of(structure, &geometry);
-    VkAccelerationStructureBuildRangeInfoKHR range = {.primitiveCount = structure->count};
-    const VkAccelerationStructureBuildRangeInfoKHR *ranges = &range;
+    struct geometries geometries;
+    VkAccelerationStructureBuildGeometryInfoKHR build = build_of(structure, &geometries);
+    const VkAccelerationStructureBuildRangeInfoKHR *ranges = geometries.ranges;
     build.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
     build.srcAccelerationStructure = structure->handle;
     world->CmdBuildAccelerationStructuresKHR(commands, 1, &build, &ranges);

@@ -77,6 +77,7 @@ struct structure {
     VkGeometryFlagsKHR geometry_flags;
     uint32_t max_vertex;      /* of a BLAS; 2 at first */
     uint32_t offset;          /* primitiveOffset */
+    bool twice;               /* with two geometries, which are equal */
     bool owns_storage;
 };
 
@@ -106,6 +107,8 @@ void buffer_destroy(struct world *world, struct buffer *buffer);
 /* A BLAS of one triangle, not built yet. `type` may be GENERIC. */
 struct structure blas_create(struct world *world, VkAccelerationStructureTypeKHR type,
                              VkBuildAccelerationStructureFlagsKHR flags);
+/* The same of two equal geometries. */
+struct structure blas_create_twice(struct world *world);
 /* A structure of `size` bytes without input, as the target of a copy. */
 struct structure target_create(struct world *world, VkAccelerationStructureTypeKHR type, VkDeviceSize size);
 /* A TLAS of `count` instances, all references 0. */

@@ -255,6 +255,12 @@ ALTER(far_instance, tlas_instance(&subject->tlas, 1)->instanceShaderBindingTable
       tlas_instance(&subject->tlas, 1)->transform.matrix[0][3] = 100)
 ALTER(far_instance_has_a_record, far_instance(subject); regions[HIT].size = regions[HIT].stride * 2)
 ALTER(far_instance_hidden, far_instance(subject); tlas_instance(&subject->tlas, 1)->mask = 0)
+/* Of the BLAS, geometry 1 takes the record after that of geometry 0. */
+ALTER(two_geometries, structure_destroy(subject->world, &subject->blas); subject->blas = blas_create_twice(subject->world);
+      tlas_refer(&subject->tlas, 0, subject->blas.address); tlas_refer(&subject->tlas, 1, 0); miss(subject))
+ALTER(two_geometries_and_records, two_geometries(subject); regions[HIT].size = regions[HIT].stride * 2)
+ALTER(two_geometries_and_an_offset, two_geometries_and_records(subject);
+      tlas_instance(&subject->tlas, 0)->instanceShaderBindingTableRecordOffset = 1)
 ALTER(other_usage, buffer_destroy(subject->world, &subject->table);
       subject->table = buffer_create(subject->world, TABLE_SIZE, VK_BUFFER_USAGE_STORAGE_BUFFER_BIT);
       for (int part = RAYGEN; part <= HIT; part++)
@@ -282,6 +288,9 @@ static const struct row {
     {"instance behind the table", "offset 1 of 1", "sbt.hit_beyond_table", 1, far_instance},
     {"instance within the table", "offset 1 of 2", NULL, 0, far_instance_has_a_record},
     {"hidden instance behind the table", "mask 0", NULL, 0, far_instance_hidden},
+    {"two geometries, one record", "the rays' stride is 1", "sbt.hit_beyond_table", 1, two_geometries},
+    {"two geometries, two records", "the rays' stride is 1", NULL, 0, two_geometries_and_records},
+    {"two geometries and an offset of 1, two records", "1 + 1", "sbt.hit_beyond_table", 1, two_geometries_and_an_offset},
     {"usage of the table", "a storage buffer", "sbt.buffer_usage", 3, other_usage},
 };
 #define ROW_COUNT (sizeof rows / sizeof rows[0])
@@ -329,14 +338,54 @@ static void handles_of_another_pipeline(void **state)
     free(world);
 }
 
-/* Indirect traces: the regions are judged, but no error rests on a record that may not be used. Of the second kind nothing is read. */
+/* Indirect traces: the regions are judged, but no error rests on a record that may not be used. Those of the second kind lie in memory,
+ * and are what they were when the trace ran. */
+static void nothing_indirect(VkTraceRaysIndirectCommand2KHR *command)
+{
+    (void)command;
+}
+
+static void no_invocations(VkTraceRaysIndirectCommand2KHR *command)
+{
+    command->missShaderBindingTableAddress += 16;
+    command->height = 0;
+}
+
+static void misaligned_indirect(VkTraceRaysIndirectCommand2KHR *command)
+{
+    command->missShaderBindingTableAddress += 16;
+}
+
+static void hits_beyond(VkTraceRaysIndirectCommand2KHR *command)
+{
+    command->hitShaderBindingTableSize = TABLE_SIZE;
+}
+
+static const struct indirect_row {
+    int kind;
+    void (*alter)(VkTraceRaysIndirectCommand2KHR *command);
+    const char *rule; /* NULL: nothing is found */
+    const char *statement;
+} indirect_rows[] = {
+    {1, nothing_indirect, NULL, "1 traces whose shader binding table was judged"},
+    {2, nothing_indirect, NULL, "1 traces of whose shader binding table something was not read"},
+    {2, no_invocations, NULL, "0 traces whose shader binding table was judged"},
+    {2, misaligned_indirect, "sbt.misaligned", "1 traces whose shader binding table was judged"},
+    {2, hits_beyond, "sbt.beyond_buffer", "1 traces whose shader binding table was judged"},
+};
+
 static void indirect(void **state)
 {
     (void)state;
-    for (int kind = 1; kind <= 2; kind++) {
+    for (size_t i = 0; i < sizeof indirect_rows / sizeof indirect_rows[0]; i++) {
+        const struct indirect_row *row = &indirect_rows[i];
         struct world *world = world_with_rays();
         struct subject subject;
         subject_init(&subject, world);
+        miss(&subject);
+        if (row->alter == misaligned_indirect) /* what lies there is valid in itself */
+            memmove(record_at(&subject, MISS) + 16, record_at(&subject, MISS), 64);
+        world->rule = row->rule ? row->rule : NEVER_BUILT;
         struct buffer arguments = buffer_create(world, sizeof(VkTraceRaysIndirectCommand2KHR), VK_BUFFER_USAGE_INDIRECT_BUFFER_BIT);
         VkTraceRaysIndirectCommand2KHR command = {.raygenShaderRecordAddress = subject.regions[RAYGEN].deviceAddress,
                                                   .raygenShaderRecordSize = subject.regions[RAYGEN].size,
@@ -349,9 +398,8 @@ static void indirect(void **state)
                                                   .width = 1,
                                                   .height = 1,
                                                   .depth = 1};
-        if (kind == 2)
-            memcpy(arguments.mapped, &command, sizeof command);
-        else
+        row->alter(&command);
+        if (row->kind == 1)
             memset(record_at(&subject, RAYGEN), 0, 32); /* of no invocation: the numbers are zero */
         VkCommandBuffer commands = commands_begin(world, 0);
         commands_build_one(world, commands, &subject.blas);
@@ -360,21 +408,22 @@ static void indirect(void **state)
         commands_barrier(commands);
         vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR, subject.pipeline);
         vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR, subject.pipeline_layout, 0, 1, &subject.set, 0, NULL);
-        if (kind == 2)
+        if (row->kind == 2)
             subject.CmdTraceRaysIndirect2KHR(commands, arguments.address);
         else
             subject.CmdTraceRaysIndirectKHR(commands, &subject.regions[RAYGEN], &subject.regions[MISS], &subject.regions[HIT],
                                             &subject.regions[CALLABLE], arguments.address);
         commands_end(commands);
+        if (row->kind == 2) /* only now are the regions what the trace finds */
+            memcpy(arguments.mapped, &command, sizeof command);
         submit_and_wait(world, commands);
-        expect_findings(world, 0);
+        expect_findings(world, row->rule != NULL);
         buffer_destroy(world, &arguments);
         subject_finish(&subject);
         world_finish(world);
         const struct message *statement = messages_find(world, "statement");
         assert_non_null(statement);
-        assert_non_null(strstr(statement->text, kind == 2 ? "1 traces of whose shader binding table something was not read"
-                                                          : "1 traces whose shader binding table was judged"));
+        assert_non_null(strstr(statement->text, row->statement));
         free(world);
     }
 }

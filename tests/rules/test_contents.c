@@ -253,10 +253,11 @@ ALTER_SBT(miss_null, put(&sbt->regions[GN_SBT_MISS], GN_HANDLE_NULL))
 ALTER_SBT(miss_null_excluded, miss_null(sbt); sbt->no_null_miss = true)
 ALTER_SBT(no_hit_region, *hit = (struct gn_sbt_region){0})
 ALTER_SBT(no_hit_region_excluded, no_hit_region(sbt); sbt->no_null_hit = true)
-ALTER_SBT(offset_at_end, sbt->highest_offset = 1)
-ALTER_SBT(offset_within, two_records(hit); sbt->highest_offset = 1)
-ALTER_SBT(offset_of_nothing, sbt->highest_offset = 1; sbt->tlas.kind = GN_OBJECT_NONE)
-ALTER_SBT(offset_at_stride_0, sbt->highest_offset = 1; hit->stride = 0)
+ALTER_SBT(offset_at_end, sbt->record = sbt->instance_offset = 1)
+ALTER_SBT(geometry_at_end, sbt->geometry = sbt->ray_stride = 1; sbt->record = 1)
+ALTER_SBT(offset_within, two_records(hit); sbt->record = 1)
+ALTER_SBT(offset_of_nothing, sbt->record = 1; sbt->tlas.kind = GN_OBJECT_NONE)
+ALTER_SBT(offset_at_stride_0, sbt->record = 1; hit->stride = 0)
 
 static const struct sbt_row sbt_rows[] = {
     {"sbt.raygen_handle", "right", 0, NULL, table_right},
@@ -278,7 +279,8 @@ static const struct sbt_row sbt_rows[] = {
     {"sbt.null_group", "no region, no flag", 0, NULL, no_hit_region},
     {"sbt.null_group", "no region", 1, "but there is no hit region", no_hit_region_excluded},
     {"sbt.hit_beyond_table", "offset 0 of 1", 0, NULL, table_right},
-    {"sbt.hit_beyond_table", "offset 1 of 1", 1, "instance 3 of TLAS \"scene\" (0x6) has the shader-binding-table offset 1, but the hit region", offset_at_end},
+    {"sbt.hit_beyond_table", "offset 1 of 1", 1, "instance 3 of TLAS \"scene\" (0x6) has the shader-binding-table offset 1, and rays", offset_at_end},
+    {"sbt.hit_beyond_table", "geometry 1 of 1 record", 1, "a hit on geometry 1 reads record 1, but the hit region of this trace has 1.", geometry_at_end},
     {"sbt.hit_beyond_table", "offset 1 of 2", 0, NULL, offset_within},
     {"sbt.hit_beyond_table", "no TLAS known", 0, NULL, offset_of_nothing},
     {"sbt.hit_beyond_table", "a stride of 0", 0, NULL, offset_at_stride_0},
@@ -294,7 +296,7 @@ static struct gn_sbt sbt_right(void)
                          .handles_known = true,
                          .tlas = {GN_OBJECT_TLAS, 6, "scene"},
                          .tlas_id = 6,
-                         .highest_offset_at = 3};
+                         .instance = 3};
     for (int part = GN_SBT_RAYGEN; part <= GN_SBT_HIT; part++)
         sbt.regions[part] = (struct gn_sbt_region){
             .address = 0x1000u * (unsigned)(part + 1), .stride = 64, .records = 1, .read = 1, .count = {[GN_HANDLE_FITS] = 1}};
