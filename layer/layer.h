@@ -660,7 +660,9 @@ void gn_host_saw_all(struct gn_device *device);
 void gn_order_instances(struct gn_device *device, const struct gn_as *const *structures, uint32_t count,
                         const struct gn_judgement *judgement, const char *place, struct gn_findings *out);
 
-/* refit.c; with the device locked. Holds what an update has read against what came before. */
+/* refit.c; with the device locked. */
+void gn_digests_free(struct gn_as *as);
+/* Holds what an update has read against what came before. */
 void gn_refit_geometry(struct gn_device *device, const struct gn_judgement *judgement, const struct gn_geometry_contents *contents,
                        const char *place, struct gn_findings *out);
 

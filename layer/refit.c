@@ -3,6 +3,7 @@
  * each geometry of a structure that may be updated a digest is kept, and held against that of the update. */
 #include "checks/rules/geometry.h"
 #include "layer/layer.h"
+#include "layer/spread.h"
 
 #include <stdlib.h>
 #include <string.h>
@@ -13,7 +14,20 @@ struct gn_digest {
     bool has_indices, has_activity;
     uint64_t indices, activity; /* hashes */
     uint64_t inactive, total;
+    uint32_t updates;  /* in place, since the last build */
+    uint32_t *order;   /* of the primitives at the first of them; NULL: not known */
+    uint32_t order_count;
 };
+
+/* From so many updates in a row on, their order is held against a new one, each time that they have doubled. */
+#define FIRST_LOOK 8u
+
+void gn_digests_free(struct gn_as *as)
+{
+    for (uint32_t i = 0; i < as->digest_count; i++)
+        free(as->digests[i].order);
+    free(as->digests);
+}
 
 static uint64_t mixed(uint64_t hash, uint64_t value)
 {
@@ -104,21 +118,39 @@ static struct gn_digest *find(const struct gn_as *as, uint32_t geometry)
     return NULL;
 }
 
-static void keep(struct gn_device *device, struct gn_as *as, const struct gn_digest *digest)
+/* The digest is given away. */
+static void keep(struct gn_device *device, struct gn_as *as, struct gn_digest *digest)
 {
     struct gn_digest *known = find(as, digest->geometry);
     if (!known) {
         struct gn_digest *grown = realloc(as->digests, (as->digest_count + 1) * sizeof *grown);
         if (!grown) {
             gn_tally_lost(device);
+            free(digest->order);
             return;
         }
         as->digests = grown;
         known = &grown[as->digest_count++];
+        known->order = NULL;
     } else if (known->version > digest->version) {
+        free(digest->order);
         return;
     }
+    free(known->order);
     *known = *digest;
+}
+
+/* Goes on counting updates in place; what the build before them had in order is taken from there. Returns by how much groups have grown. */
+static double count_update(const struct gn_geometry_contents *contents, struct gn_digest *before, struct gn_digest *digest)
+{
+    digest->updates = before->updates + 1;
+    digest->order = before->order;
+    digest->order_count = before->order_count;
+    before->order = NULL;
+    if (!digest->order && digest->updates == 1)
+        digest->order = gn_spread_order(contents, &digest->order_count);
+    bool look = digest->order && digest->updates >= FIRST_LOOK && (digest->updates & (digest->updates - 1)) == 0;
+    return look ? gn_spread_growth(contents, digest->order, digest->order_count) : 0;
 }
 
 static const char *given_place(void *context)
@@ -131,12 +163,12 @@ static void judge_refit(const void *value, struct gn_report *report)
     gn_rules_judge_refit(value, report);
 }
 
-static void judge(struct gn_device *device, const struct gn_judgement *judgement, struct gn_digest *digest, const char *place,
-                  struct gn_findings *out)
+static void judge(struct gn_device *device, const struct gn_judgement *judgement, const struct gn_geometry_contents *contents,
+                  struct gn_digest *digest, const char *place, struct gn_findings *out)
 {
     struct gn_as *target = judgement->tlas, *source = judgement->source;
     digest->version = judgement->version;
-    const struct gn_digest *before = source ? find(source, digest->geometry) : NULL;
+    struct gn_digest *before = source ? find(source, digest->geometry) : NULL;
     if (before && before->version == judgement->source_version && before->total == digest->total) {
         struct gn_findings found;
         struct gn_pending_finding *finding;
@@ -150,6 +182,9 @@ static void judge(struct gn_device *device, const struct gn_judgement *judgement
                                  .inactive_before = before->inactive,
                                  .inactive = digest->inactive,
                                  .total = digest->total};
+        if (source == target)
+            refit.growth = count_update(contents, before, digest);
+        refit.updates = digest->updates;
         gn_findings_init(&found);
         gn_report_suspect(device->instance,
                           &(struct gn_suspect){.judge = judge_refit,
@@ -171,5 +206,5 @@ void gn_refit_geometry(struct gn_device *device, const struct gn_judgement *judg
     if (contents->partial || !judgement->may_update)
         return;
     struct gn_digest digest = digest_of(contents);
-    judge(device, judgement, &digest, place, out);
+    judge(device, judgement, contents, &digest, place, out);
 }

@@ -25,7 +25,7 @@ void gn_as_release(struct gn_as *as)
     gn_members_free(as->members);
     free(as->moved_to);
     free(as->reaches);
-    free(as->digests);
+    gn_digests_free(as);
     free(as->built);
     free(as->name);
     free(as->tag);

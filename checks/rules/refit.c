@@ -2,7 +2,7 @@
 /* Rules about what an update reads. */
 #include "checks/rules/rules.h"
 
-extern const struct gn_rule gn_rule_update_indices_changed, gn_rule_update_activity_changed;
+extern const struct gn_rule gn_rule_update_indices_changed, gn_rule_update_activity_changed, gn_rule_update_many;
 
 static void indices_changed(const struct gn_refit *refit, struct gn_report *report)
 {
@@ -55,4 +55,35 @@ const struct gn_rule gn_rule_update_activity_changed = {
     .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
     .on = GN_RULE_ON_REFIT,
     .test.refit = activity_changed,
+};
+
+/* Below this, nobody would feel it. */
+#define GROWTH_THAT_MATTERS 2.0
+
+static void many(const struct gn_refit *refit, struct gn_report *report)
+{
+    char target[256];
+    if (refit->growth < GROWTH_THAT_MATTERS)
+        return;
+    uint64_t site = gn_report_site(report, refit->target_id, refit->geometry);
+    if (!gn_report_is_new(report, site))
+        return;
+    gn_report_add(report, site, &refit->target, 1,
+                  "%s was updated %u times since it was built, and geometry %u has changed its form: groups of 16 neighbours of the first "
+                  "update now have %.1f times the surface of groups that are made anew, so that rays enter them about that much more "
+                  "often. Found in %s.",
+                  gn_object_describe(&refit->target, target, sizeof target), refit->updates, refit->geometry, refit->growth,
+                  refit->place ? refit->place : "an update");
+}
+
+const struct gn_rule gn_rule_update_many = {
+    .id = "update.many",
+    .title = "Structure that has outgrown its build",
+    .text = "An update keeps the tree of the build and only fits its boxes to where the primitives are now. The further they move against each "
+            "other, the more the boxes overlap, and the slower it is to trace.",
+    .remedy = "Build anew now and then (every so many frames, in turns), or when the form has changed much.",
+    .sources = {"Vulkan: Acceleration Structure Update Rules"},
+    .severity = GN_EVERYWHERE(GN_SEVERITY_NOTE),
+    .on = GN_RULE_ON_REFIT,
+    .test.refit = many,
 };

@@ -206,6 +206,8 @@ struct gn_refit {
     bool indices_changed;
     bool activity_changed; /* some primitive has become active, or inactive */
     uint64_t inactive_before, inactive, total;
+    uint32_t updates; /* in place, one after the other, since the last build */
+    double growth;    /* of the surface of what the build had grouped, against grouping it anew; 0: not measured */
 };
 
 /* Two accesses of the same memory, one of them a write, that nothing orders as they should be. */

@@ -548,11 +548,15 @@ static const struct refit_row {
     bool indices, activity;
     uint32_t expected;
     const char *says;
+    double growth;
 } refit_rows[] = {
-    {"update.indices_changed", "other indices", true, false, 1, "with other indices in geometry 1"},
-    {"update.indices_changed", "other activity", false, true, 0, NULL},
-    {"update.activity_changed", "other activity", false, true, 1, "3 of 10 are inactive, 2 were"},
-    {"update.activity_changed", "the same", false, false, 0, NULL},
+    {"update.indices_changed", "other indices", true, false, 1, "with other indices in geometry 1", 0},
+    {"update.indices_changed", "other activity", false, true, 0, NULL, 0},
+    {"update.activity_changed", "other activity", false, true, 1, "3 of 10 are inactive, 2 were", 0},
+    {"update.activity_changed", "the same", false, false, 0, NULL, 0},
+    {"update.many", "twice the surface", false, false, 1, "was updated 8 times since it was built, and geometry 1", 2.0},
+    {"update.many", "a little more", false, false, 0, NULL, 1.9},
+    {"update.many", "not measured", true, true, 0, NULL, 0},
 };
 
 #define REFIT_ROW_COUNT (sizeof refit_rows / sizeof refit_rows[0])
@@ -762,7 +766,7 @@ static void every_input_row(void **state)
         struct gn_report report = report_into(&out);
         struct gn_refit refit = {.target = {GN_OBJECT_BLAS, 1, "tree"}, .target_id = 1, .geometry = 1,
                                  .indices_changed = row->indices, .activity_changed = row->activity,
-                                 .inactive_before = 2, .inactive = 3, .total = 10};
+                                 .inactive_before = 2, .inactive = 3, .total = 10, .updates = 8, .growth = row->growth};
         enable_only(&report, row->rule);
         gn_rules_judge_refit(&refit, &report);
         failures += expect_row(row->rule, row->name, row->expected, row->says, &out);
