@@ -194,6 +194,8 @@ static void judge(struct roll *roll, struct gn_as *tlas, const struct gn_instanc
         set_reaches(roll, tlas, records, refers_to, count);
     if (!roll->partial && !unordered)
         gn_members_set(device, tlas, roll->version, roll->queue, roll->position, roll->owners, roll->count);
+    if (!roll->partial && !unordered && tlas->writes == roll->version)
+        gn_positions_judged(device, tlas, roll->position, roll->owners, roll->count, refers_to, count);
     gn_tally_check(device, GN_CHECKED_tlas_builds, 1);
     gn_tally_check(device, GN_CHECKED_instances, count - unknown - unordered);
     gn_tally_unjudged(device, GN_UNJUDGED_unknown_reference, unknown);

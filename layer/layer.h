@@ -200,6 +200,8 @@ struct gn_as {
     uint8_t levels;                    /* GN_LEVEL_*: of which levels it may be */
     uint64_t mark;                     /* the position of the command last judged that writes it beside a TLAS */
     uint32_t table_id;                 /* in the table that shaders look at (mirror.c) */
+    uint32_t positions, positions_list;/* what its word says of vertex positions, and where the last list of its instances is (positions.c) */
+    bool allowed_positions;            /* when it was last written */
     bool shared;                       /* its memory may be written under another name: nothing is known for sure */
     VkDeviceSize size;                 /* as it was created */
     /* What it holds, as of what was replayed last; with several writers in no known order, gn_as_sure is false. */
@@ -567,6 +569,11 @@ bool gn_buffer_has_usage(struct gn_device *device, uint64_t address, VkBufferUsa
 uint64_t gn_buffers_end(const struct gn_device *device, uint64_t address);
 /* Among those without build-input usage. */
 struct gn_buffer *gn_buffer_other(struct gn_device *device, uint64_t address, uint64_t size);
+
+/* positions.c; with the device locked: something was written, and the build of a TLAS was judged that nothing has written since. */
+void gn_positions_written(struct gn_device *device, struct gn_as *as);
+void gn_positions_judged(struct gn_device *device, struct gn_as *tlas, uint64_t position, const struct gn_as *const *owners,
+                         uint32_t owner_count, const uint32_t *refers_to, uint32_t count);
 
 /* launch.c; with the device locked: the queue runs traces whose shaders were told of them. */
 void gn_launch_executed(struct gn_device *device, uint32_t queue);

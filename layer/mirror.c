@@ -212,7 +212,7 @@ void gn_structure_tell(struct gn_device *device, const struct gn_as *as)
                      : unsure                                        ? GN_STRUCTURE_FINE
                      : !as->built_count                              ? GN_STRUCTURE_NEVER_BUILT
                      : as->kind == GN_OBJECT_BLAS && !as->generic    ? GN_STRUCTURE_BOTTOM_LEVEL
-                                                                     : GN_STRUCTURE_FINE;
+                                                                     : GN_STRUCTURE_FINE | (as->shared ? 0 : as->positions);
     __atomic_store_n(&table[as->table_id], state, __ATOMIC_RELEASE);
 }
 
@@ -222,7 +222,8 @@ void gn_mirrors_begin(struct gn_device *device)
     struct gn_as *as;
     struct gn_mirror *none = NULL;
     uint32_t *table = NULL;
-    struct gn_record_memory *memory = gn_record_memory_words(device, GN_STRUCTURES, ALIGNMENT_WORDS, &table);
+    struct gn_record_memory *memory =
+        gn_record_memory_words(device, GN_STRUCTURES + gn_positions_room(device), ALIGNMENT_WORDS, &table);
     if (!memory)
         return;
     /* What stands for a mirror that could not be had: every entry is at its first word, and unknown. */
@@ -241,6 +242,7 @@ void gn_mirrors_begin(struct gn_device *device)
     table[GN_STRUCTURE_ID_UNWRITTEN] = GN_STRUCTURE_NONE;
     shaders->structures = table;
     shaders->structures_address = memory->address + (uint64_t)(table - memory->words) * 4;
+    gn_positions_tell_all(device);
     for (size_t cursor = 0; (as = gn_map_next(&device->structures, &cursor));)
         gn_structure_tell(device, as);
 }

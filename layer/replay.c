@@ -471,6 +471,7 @@ void gn_replay_execute(struct gn_replay *replay, struct gn_event *event, uint64_
                           .command_buffer = replay->command_buffer};
     gn_as_written(device, target, replay->queue->id, position);
     fill(event, replay->queue, position);
+    gn_positions_written(device, target);
     gn_tally_check(device, GN_CHECKED_builds, 1);
 }
 

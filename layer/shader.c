@@ -33,6 +33,7 @@ bool gn_shaders_init(struct gn_device *device, const struct gn_device_wish *wish
     shaders->fragment_stores = wish->fragment_stores;
     shaders->host_memory = wish->host_memory;
     shaders->null_descriptors = wish->null_descriptors;
+    shaders->positions = wish->positions && !shaders->options.static_only;
     VkPhysicalDeviceProperties properties;
     device->instance->next.GetPhysicalDeviceProperties(device->physical, &properties);
     shaders->spare_buffers = properties.limits.maxPerStageDescriptorStorageBuffers >= PLENTY_OF_BUFFERS &&

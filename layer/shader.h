@@ -11,7 +11,7 @@
 /* A change of what the application asks for when it creates a device. Lives as long as the call. */
 struct gn_device_wish {
     VkDeviceCreateInfo info; /* what to create the device with */
-    bool addresses, vertex_stores, fragment_stores, host_memory, null_descriptors; /* what the device will have */
+    bool addresses, vertex_stores, fragment_stores, host_memory, null_descriptors, positions; /* what the device will have */
     const char **extensions;
     VkPhysicalDeviceFeatures features;
     VkPhysicalDeviceBufferDeviceAddressFeatures address_features;
@@ -75,6 +75,9 @@ struct gn_shaders {
     uint32_t *structures;   /* the table of structures (mirror.c); NULL: none */
     uint64_t structures_address;
     uint32_t next_structure;
+    bool positions;         /* shaders may read those of vertices (positions.c) */
+    bool positions_possible;/* some BLAS may have been built so that they can be read */
+    size_t positions_used;  /* words of the lists behind the table */
     struct gn_mirror *idle_mirrors, *no_mirror;
 };
 
@@ -169,6 +172,9 @@ void gn_mirrors_finish(struct gn_device *device);
 /* A new structure, and any change of one: what the table says of it. */
 void gn_structure_enter(struct gn_device *device, struct gn_as *as);
 void gn_structure_tell(struct gn_device *device, const struct gn_as *as);
+/* positions.c: words behind the table, and what it says of structures that a shader cannot tell. */
+size_t gn_positions_room(const struct gn_device *device);
+void gn_positions_tell_all(struct gn_device *device);
 /* NULL when it is not remembered. */
 const struct gn_as *gn_structure_by_id(struct gn_device *device, uint32_t id);
 

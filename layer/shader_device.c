@@ -120,6 +120,9 @@ void gn_device_wish_init(struct gn_device_wish *wish, struct gn_instance *instan
     const VkPhysicalDeviceRobustness2FeaturesEXT *robustness =
         gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_ROBUSTNESS_2_FEATURES_EXT);
     wish->null_descriptors = robustness && robustness->nullDescriptor;
+    const VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR *fetch =
+        gn_chain_find(info->pNext, VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR);
+    wish->positions = fetch && fetch->rayTracingPositionFetch;
     if (!instance->next.GetPhysicalDeviceFeatures2)
         return;
     instance->next.GetPhysicalDeviceFeatures2(physical, &supported);

@@ -174,6 +174,12 @@ static void tell_check(const struct gn_records_teller *teller, struct gn_shader 
         shader->told[check] = found->count;
         return;
     }
+    /* Something may have been built that the table does not know of. */
+    if ((UINT64_C(1) << rule & OF_STRUCTURES) && teller->device && atomic_load_explicit(&teller->device->incomplete, memory_order_relaxed)) {
+        gn_tally_unjudged(teller->device, GN_UNJUDGED_unproven, found->count - shader->told[check]);
+        shader->told[check] = found->count;
+        return;
+    }
     add_subject(&text, site);
     gn_text_add(&text, ": %s, at ", gn_shader_rule(rule)->title);
     add_place(&text, &site->place);

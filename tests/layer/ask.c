@@ -8,6 +8,7 @@
 #include "asks_frag.spv.h"
 #include "asks_long_comp.spv.h"
 #include "asks_many_comp.spv.h"
+#include "asks_positions_comp.spv.h"
 #include "asks_rgen.spv.h"
 #include "asks_vert.spv.h"
 #include "plain_frag.spv.h"
@@ -20,16 +21,22 @@
 static const VkShaderModuleCreateInfo codes[] = {[ASK_COMPUTE] = CODE(asks_comp_spv), [ASK_VERTEX] = CODE(asks_vert_spv),
                                                  [ASK_FRAGMENT] = CODE(asks_frag_spv), [ASK_RAYGEN] = CODE(asks_rgen_spv),
                                                  [ASK_LONG] = CODE(asks_long_comp_spv),
-                                                 [ASK_MANY] = CODE(asks_many_comp_spv)};
+                                                 [ASK_MANY] = CODE(asks_many_comp_spv),
+                                                 [ASK_POSITIONS] = CODE(asks_positions_comp_spv)};
 static const VkShaderModuleCreateInfo plane = CODE(plane_vert_spv), plain = CODE(plain_frag_spv);
 static const VkShaderStageFlagBits stages[] = {VK_SHADER_STAGE_COMPUTE_BIT, VK_SHADER_STAGE_VERTEX_BIT, VK_SHADER_STAGE_FRAGMENT_BIT,
-                                               VK_SHADER_STAGE_RAYGEN_BIT_KHR, VK_SHADER_STAGE_COMPUTE_BIT, VK_SHADER_STAGE_COMPUTE_BIT};
+                                               VK_SHADER_STAGE_RAYGEN_BIT_KHR, VK_SHADER_STAGE_COMPUTE_BIT, VK_SHADER_STAGE_COMPUTE_BIT,
+                                               VK_SHADER_STAGE_COMPUTE_BIT};
 
 void ask_world_init(struct world *world, const struct world_options *options)
 {
     static const char *const extensions[] = {VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME, VK_KHR_PIPELINE_LIBRARY_EXTENSION_NAME,
-                                             VK_EXT_GRAPHICS_PIPELINE_LIBRARY_EXTENSION_NAME, VK_EXT_SHADER_OBJECT_EXTENSION_NAME};
+                                             VK_EXT_GRAPHICS_PIPELINE_LIBRARY_EXTENSION_NAME, VK_EXT_SHADER_OBJECT_EXTENSION_NAME,
+                                             VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME};
+    VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR positions = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR, .rayTracingPositionFetch = VK_TRUE};
     VkPhysicalDeviceShaderObjectFeaturesEXT objects = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_SHADER_OBJECT_FEATURES_EXT,
+                                                       .pNext = &positions,
                                                        .shaderObject = VK_TRUE};
     VkPhysicalDeviceGraphicsPipelineLibraryFeaturesEXT libraries = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_GRAPHICS_PIPELINE_LIBRARY_FEATURES_EXT,
@@ -39,7 +46,7 @@ void ask_world_init(struct world *world, const struct world_options *options)
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR, .pNext = &libraries, .rayTracingPipeline = VK_TRUE};
     struct world_options all = options ? *options : (struct world_options){0};
     all.extensions = extensions;
-    all.extension_count = 4;
+    all.extension_count = sizeof extensions / sizeof extensions[0];
     all.features = &rays;
     world_init(world, &all);
 }
@@ -367,7 +374,8 @@ VkCommandBuffer asker_record(struct world *world, struct asker *asker, uint32_t 
 {
     static const VkPipelineBindPoint points[] = {VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_GRAPHICS,
                                                  VK_PIPELINE_BIND_POINT_GRAPHICS, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR,
-                                                 VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_COMPUTE};
+                                                 VK_PIPELINE_BIND_POINT_COMPUTE, VK_PIPELINE_BIND_POINT_COMPUTE,
+                                                 VK_PIPELINE_BIND_POINT_COMPUTE};
     VkPipelineBindPoint point = points[asker->stage];
     const VkShaderStageFlags all = VK_SHADER_STAGE_COMPUTE_BIT | VK_SHADER_STAGE_VERTEX_BIT | VK_SHADER_STAGE_FRAGMENT_BIT |
                                    VK_SHADER_STAGE_RAYGEN_BIT_KHR;

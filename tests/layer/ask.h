@@ -8,7 +8,7 @@
 #define ASK_LANES 8u  /* invocations of a dispatch or trace */
 #define ASK_SIZE 16u  /* the picture's side */
 
-enum ask_stage { ASK_COMPUTE, ASK_VERTEX, ASK_FRAGMENT, ASK_RAYGEN, ASK_LONG, ASK_MANY /* compute */ };
+enum ask_stage { ASK_COMPUTE, ASK_VERTEX, ASK_FRAGMENT, ASK_RAYGEN, ASK_LONG, ASK_MANY, ASK_POSITIONS /* compute */ };
 
 #define ASK_SCENES 4 /* in the array of ASK_MANY */
 

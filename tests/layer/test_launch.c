@@ -7,6 +7,7 @@
 #include "layer/shader.h"
 #include "tests/layer/harness.h"
 
+#include "launch_positions_rchit.spv.h"
 #include "launch_rcall.spv.h"
 #include "launch_rchit.spv.h"
 #include "launch_rgen.spv.h"
@@ -34,28 +35,31 @@ static const struct row {
     } push;
     float result; /* in safe mode, if something is wrong */
     const char *expected, *text; /* NULL: nothing is found */
+    const char *positions;       /* the hit shader reads vertices, of a BLAS with or without ALLOW_DATA_ACCESS; NULL: another */
 } rows[] = {
-    {"in bounds", "the last callable, the deepest trace", false, DIRECT, 2, 2, 0, 0, {1, 2, 0}, 12, NULL, NULL},
-    {"callable", "one beyond", false, DIRECT, 2, 2, 0, 0, {2, 2, 0}, 2, "call.range", "index 2 where the table has 2 records"},
-    {"callable", "there is no table", false, DIRECT, 0, 2, 0, 0, {0, 2, 0}, 2, "call.range", "index 0 where the table has 0 records"},
-    {"callable", "one beyond, from a library", true, DIRECT, 2, 2, 0, 0, {2, 2, 0}, 2, "call.range", "index 2 "},
-    {"callable", "an indirect trace has its table on the host", false, INDIRECT, 1, 2, 0, 0, {1, 2, 0}, 2, "call.range", "index 1 where the table has 1 record."},
-    {"indirect", "all in bounds", false, INDIRECT, 2, 2, 0, 0, {1, 2, 0}, 12, NULL, NULL},
-    {"indirect 2", "its table is in device memory, and not judged", false, INDIRECT_2, 1, 2, 0, 0, {1, 2, 0}, 12, NULL, NULL},
-    {"recursion", "one too deep", false, DIRECT, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 where 2 is the most"},
-    {"recursion", "a pipeline that allows more", false, DIRECT, 2, 3, 0, 0, {0, 3, 0}, 13, NULL, NULL},
-    {"recursion", "one too deep, from a library", true, DIRECT, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 "},
-    {"recursion", "deep enough, from a library", true, DIRECT, 2, 3, 0, 0, {0, 3, 0}, 13, NULL, NULL},
-    {"recursion", "in a pipeline without any: what a hit must not do is not reached", false, DIRECT, 2, 1, 0, 0, {0, 1, 0}, 11, NULL, NULL},
-    {"recursion", "in a pipeline without any", false, DIRECT, 2, 1, 0, 0, {0, 2, 0}, 11, "trace.recursion", "OpTraceRayKHR"},
-    {"recursion", "an indirect trace", false, INDIRECT, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 "},
-    {"recursion", "an indirect trace with its table in device memory", false, INDIRECT_2, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 "},
-    {"payload", "32 bytes where 16 are declared", true, DIRECT, 2, 2, 16, 0, {0, 2, 0}, 10, "trace.payload_size", "OpTraceRayKHR"},
-    {"payload", "32 bytes where 32 are declared", true, DIRECT, 2, 2, 32, 0, {0, 2, 0}, 12, NULL, NULL},
+    {"in bounds", "the last callable, the deepest trace", false, DIRECT, 2, 2, 0, 0, {1, 2, 0}, 12, NULL, NULL, NULL},
+    {"callable", "one beyond", false, DIRECT, 2, 2, 0, 0, {2, 2, 0}, 2, "call.range", "index 2 where the table has 2 records", NULL},
+    {"callable", "there is no table", false, DIRECT, 0, 2, 0, 0, {0, 2, 0}, 2, "call.range", "index 0 where the table has 0 records", NULL},
+    {"callable", "one beyond, from a library", true, DIRECT, 2, 2, 0, 0, {2, 2, 0}, 2, "call.range", "index 2 ", NULL},
+    {"callable", "an indirect trace has its table on the host", false, INDIRECT, 1, 2, 0, 0, {1, 2, 0}, 2, "call.range", "index 1 where the table has 1 record.", NULL},
+    {"indirect", "all in bounds", false, INDIRECT, 2, 2, 0, 0, {1, 2, 0}, 12, NULL, NULL, NULL},
+    {"indirect 2", "its table is in device memory, and not judged", false, INDIRECT_2, 1, 2, 0, 0, {1, 2, 0}, 12, NULL, NULL, NULL},
+    {"recursion", "one too deep", false, DIRECT, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 where 2 is the most", NULL},
+    {"recursion", "a pipeline that allows more", false, DIRECT, 2, 3, 0, 0, {0, 3, 0}, 13, NULL, NULL, NULL},
+    {"recursion", "one too deep, from a library", true, DIRECT, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 ", NULL},
+    {"recursion", "deep enough, from a library", true, DIRECT, 2, 3, 0, 0, {0, 3, 0}, 13, NULL, NULL, NULL},
+    {"recursion", "in a pipeline without any: what a hit must not do is not reached", false, DIRECT, 2, 1, 0, 0, {0, 1, 0}, 11, NULL, NULL, NULL},
+    {"recursion", "in a pipeline without any", false, DIRECT, 2, 1, 0, 0, {0, 2, 0}, 11, "trace.recursion", "OpTraceRayKHR", NULL},
+    {"recursion", "an indirect trace", false, INDIRECT, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 ", NULL},
+    {"recursion", "an indirect trace with its table in device memory", false, INDIRECT_2, 2, 2, 0, 0, {0, 3, 0}, 12, "trace.recursion", "from depth 2 ", NULL},
+    {"payload", "32 bytes where 16 are declared", true, DIRECT, 2, 2, 16, 0, {0, 2, 0}, 10, "trace.payload_size", "OpTraceRayKHR", NULL},
+    {"payload", "32 bytes where 32 are declared", true, DIRECT, 2, 2, 32, 0, {0, 2, 0}, 12, NULL, NULL, NULL},
     {"flags", "nothing is left where AABBs are skipped", false, DIRECT, 2, 2, 0, VK_PIPELINE_CREATE_RAY_TRACING_SKIP_AABBS_BIT_KHR, {0, 2, SKIP_TRIANGLES}, 10,
-     "trace.skipped_by_pipeline", "OpTraceRayKHR"},
-    {"flags", "the pipeline skips nothing", false, DIRECT, 2, 2, 0, 0, {0, 2, SKIP_TRIANGLES}, 10, NULL, NULL},
-    {"flags", "the ray skips nothing", false, DIRECT, 2, 2, 0, VK_PIPELINE_CREATE_RAY_TRACING_SKIP_AABBS_BIT_KHR, {0, 2, 0}, 12, NULL, NULL},
+     "trace.skipped_by_pipeline", "OpTraceRayKHR", NULL},
+    {"flags", "the pipeline skips nothing", false, DIRECT, 2, 2, 0, 0, {0, 2, SKIP_TRIANGLES}, 10, NULL, NULL, NULL},
+    {"flags", "the ray skips nothing", false, DIRECT, 2, 2, 0, VK_PIPELINE_CREATE_RAY_TRACING_SKIP_AABBS_BIT_KHR, {0, 2, 0}, 12, NULL, NULL, NULL},
+    {"positions", "no BLAS of the device lets them be read", false, DIRECT, 2, 1, 0, 0, {0, 1, 0}, 10, "structure.no_positions", "HitTriangleVertexPositions", "without"},
+    {"positions", "a BLAS lets them be read", false, DIRECT, 2, 1, 0, 0, {0, 1, 0}, 11, NULL, NULL, "with"},
 };
 
 /* A pipeline with all that its trace needs. */
@@ -73,9 +77,13 @@ struct subject {
 static void world_create(struct world *world, const struct world_options *more)
 {
     static const char *const extensions[] = {VK_KHR_RAY_TRACING_PIPELINE_EXTENSION_NAME, VK_KHR_PIPELINE_LIBRARY_EXTENSION_NAME,
-                                             VK_KHR_RAY_TRACING_MAINTENANCE_1_EXTENSION_NAME};
+                                             VK_KHR_RAY_TRACING_MAINTENANCE_1_EXTENSION_NAME,
+                                             VK_KHR_RAY_TRACING_POSITION_FETCH_EXTENSION_NAME};
+    VkPhysicalDeviceRayTracingPositionFetchFeaturesKHR positions = {
+        .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_POSITION_FETCH_FEATURES_KHR, .rayTracingPositionFetch = VK_TRUE};
     VkPhysicalDeviceRayTracingMaintenance1FeaturesKHR maintenance = {
         .sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_MAINTENANCE_1_FEATURES_KHR,
+        .pNext = &positions,
         .rayTracingMaintenance1 = VK_TRUE,
         .rayTracingPipelineTraceRaysIndirect2 = VK_TRUE};
     VkPhysicalDeviceRayTracingPipelineFeaturesKHR rays = {.sType = VK_STRUCTURE_TYPE_PHYSICAL_DEVICE_RAY_TRACING_PIPELINE_FEATURES_KHR,
@@ -86,7 +94,7 @@ static void world_create(struct world *world, const struct world_options *more)
     struct world_options options = *more;
     options.features = &rays;
     options.extensions = extensions;
-    options.extension_count = 3;
+    options.extension_count = sizeof extensions / sizeof extensions[0];
     world_init(world, &options);
 }
 
@@ -134,7 +142,7 @@ static void bindings_create(struct world *world, struct subject *subject)
 
 static const VkShaderModuleCreateInfo codes[] = {
 #define CODE(array) {VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO, NULL, 0, sizeof array, array}
-    CODE(launch_rgen_spv), CODE(launch_rchit_spv), CODE(launch_rcall_spv), CODE(launch_rint_spv)};
+    CODE(launch_rgen_spv), CODE(launch_rchit_spv), CODE(launch_rcall_spv), CODE(launch_rint_spv), CODE(launch_positions_rchit_spv)};
 
 static VkPipelineShaderStageCreateInfo stage_of(int code, VkShaderStageFlagBits stage)
 {
@@ -160,7 +168,7 @@ static void pipeline_create(struct world *world, struct subject *subject, const 
     VkPipelineShaderStageCreateInfo stages[STAGES];
     VkRayTracingShaderGroupCreateInfoKHR groups[STAGES], linked[STAGES];
     for (uint32_t i = 0; i < STAGES; i++) {
-        stages[i] = stage_of((int)i, kinds[i]);
+        stages[i] = stage_of(i == RCHIT && row->positions ? STAGES + 1 : (int)i, kinds[i]);
         groups[i] = group_of(i == RCHIT, i);
         linked[i] = group_of(i == RCHIT, i ? i - 1 : 0);
     }
@@ -258,7 +266,10 @@ static void subject_trace(struct world *world, struct subject *subject, const st
 
 static void subject_create(struct world *world, struct subject *subject, const struct row *row)
 {
-    *subject = (struct subject){.blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0), .tlas = tlas_create(world, 1)};
+    const bool access = row->positions && strcmp(row->positions, "with") == 0;
+    *subject = (struct subject){.blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+                                                    access ? VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR : 0),
+                                .tlas = tlas_create(world, 1)};
     tlas_refer(&subject->tlas, 0, subject->blas.address);
     bindings_create(world, subject);
     pipeline_create(world, subject, row);

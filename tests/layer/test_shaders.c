@@ -516,6 +516,82 @@ static void structures(void **state)
     assert_int_equal(failures, 0);
 }
 
+/* Vertices are read of BLASes that allow it (A) and of some that do not (-). In safe mode, for a driver may do anything else. */
+static void positions(void **state)
+{
+    static const struct {
+        const char *built, *rebuilt; /* rebuilt: the BLASes alone once more, NULL: not */
+        bool again;                  /* and the TLAS */
+        uint32_t both;               /* lanes ask both instances, or the first alone */
+        uint64_t told;               /* lanes */
+        const char *text;
+    } table[] = {
+        {"AA", NULL, false, 1, 0, NULL},
+        {"--", NULL, false, 1, 8, "TLAS"},
+        {"A-", NULL, false, 1, 4, "instance 1: TLAS"},
+        {"-A", NULL, false, 1, 4, "instance 0: TLAS"},
+        {"A-", NULL, false, 0, 0, NULL},
+        {"A-", "-A", true, 1, 4, "instance 0: TLAS"},
+        {"A-", "AA", true, 1, 0, NULL},
+        {"--", "AA", true, 1, 0, NULL},
+        {"AA", "--", true, 1, 8, "TLAS"},
+        {"A-", "AA", false, 1, 0, NULL}, /* what the TLAS leads to now is not known */
+    };
+    (void)state;
+    VkBool32 yes = VK_TRUE;
+    int failures = 0;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        char path[128];
+        snprintf(path, sizeof path, "/tmp/gnomon-positions-%ld.jsonl", (long)getpid());
+        const char *paths[] = {path};
+        VkLayerSettingEXT settings[] = {{"VK_LAYER_GNOMON_ray_tracing", "log_file", VK_LAYER_SETTING_TYPE_STRING_EXT, 1, paths},
+                                        {"VK_LAYER_GNOMON_ray_tracing", "safe_mode", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &yes}};
+        ask_world_init(&world, &(struct world_options){.settings = settings, .setting_count = 2});
+        world.above_khronos = false;
+        struct structure blas[2], tlas = tlas_create(&world, 2), *both[] = {&blas[0], &blas[1]};
+        for (uint32_t b = 0; b < 2; b++) {
+            blas[b] = blas_create(&world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR,
+                                  VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR);
+            tlas_refer(&tlas, b, blas[b].address);
+        }
+        tlas_instance(&tlas, 1)->transform.matrix[0][3] = 10;
+        struct asker asker = asker_create(&world, ASK_POSITIONS, ASK_BY_MODULE, tlas.handle, 0);
+        for (int round = 0; round < (table[i].rebuilt ? 2 : 1); round++) {
+            const char *flags = round ? table[i].rebuilt : table[i].built;
+            VkCommandBuffer commands = commands_begin(&world, 0);
+            for (int b = 0; b < 2; b++)
+                blas[b].flags = flags[b] == 'A' ? VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_DATA_ACCESS_KHR : 0;
+            commands_build(&world, commands, both, 2);
+            commands_barrier(commands);
+            if (!round || table[i].again)
+                commands_build_one(&world, commands, &tlas);
+            commands_barrier(commands);
+            commands_end(commands);
+            submit_and_wait(&world, commands);
+        }
+        asker_run(&world, &asker, table[i].both);
+        const struct message *message = messages_find(&world, "structure.no_positions");
+        char *shown = message ? strdup(message->text) : NULL;
+        asker_destroy(&world, &asker);
+        structure_destroy(&world, &tlas);
+        for (int b = 0; b < 2; b++)
+            structure_destroy(&world, &blas[b]);
+        world_finish(&world);
+        uint64_t told;
+        yyjson_doc_free(log_read(path, "structure.no_positions", &told));
+        unlink(path);
+        if (told != table[i].told || (table[i].text && (!shown || !strstr(shown, table[i].text)))) {
+            print_error("row %zu (%s, %s): expected %llu of \"%s\", found %llu: %s\n", i, table[i].built,
+                        table[i].rebuilt ? table[i].rebuilt : "not rebuilt", (unsigned long long)table[i].told,
+                        table[i].text ? table[i].text : "", (unsigned long long)told, shown ? shown : "nothing");
+            failures++;
+        }
+        free(shown);
+    }
+    assert_int_equal(failures, 0);
+}
+
 int main(int argc, char **argv)
 {
     if (argc == 2 && strncmp(argv[1], "killed-", 7) == 0)
@@ -526,6 +602,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(levels),
         cmocka_unit_test(safe_mode),
         cmocka_unit_test(structures),
+        cmocka_unit_test(positions),
         cmocka_unit_test(cache),
         cmocka_unit_test(left_behind),
         cmocka_unit_test(killed),
