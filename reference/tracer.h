@@ -44,7 +44,7 @@ extern "C" {
  * in the scene, call for them. Embree ignores what lies beyond about 1.8e18. In ROBUST tmin = 0 stands for t >= 2^-120.
  *
  * DOUBLE: placed, traversed and decided in f64, watertight at shared vertices of one geometry, with bounds that lose no
- * candidate; signs are taken as they come out.
+ * candidate; signs are taken as they come out, those of triangles without area, too.
  *
  * CERTIFIED: the answers of trace.h: exact decisions, by f64 where its error bound allows.
  *
