@@ -66,6 +66,7 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
           "td{border-top:2px "
           "solid var(--line)}</style></head>\n<body><main>\n<h1>Gnomon, what accuracy costs in time</h1>\n",
           file);
+    char share[2][32];
     bool right = true;
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
         right = right && choices[mode] >= 0 && !points[mode][choices[mode]].wrong;
@@ -83,11 +84,11 @@ static void put_head(FILE *file, const struct gn_accuracy *accuracy)
         put_choice(file, accuracy, GN_ACCURACY_ALL_SCENES, (enum gn_accuracy_mode)mode);
         int other = gn_accuracy_choose_gross(points[mode], GN_REF_TIER_COUNT, options->budget, choices[mode]);
         if (other >= 0)
-            fprintf(file, ". But %s has fewer <i>gross</i> ones: %.0f against %.0f per million",
+            fprintf(file, ". But %s has fewer <i>gross</i> ones (rays lost, or hits made up): %s against %s per million",
                     gn_ref_tier_name((enum gn_ref_tier)other),
-                    1e6 * (double)points[mode][other].gross / (double)points[mode][other].rays,
-                    1e6 * (double)points[mode][choices[mode]].gross /
-                        (double)points[mode][choices[mode]].rays);
+                    gn_accuracy_number(1e6 * (double)points[mode][other].gross / (double)points[mode][other].rays, share[0]),
+                    gn_accuracy_number(1e6 * (double)points[mode][choices[mode]].gross /
+                                           (double)points[mode][choices[mode]].rays, share[1]));
         fputs(".</small>", file);
     }
     fputs("</div>\n<dl class=facts><dt>Machine</dt><dd>", file);
@@ -215,8 +216,8 @@ static void put_scene(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
     char number[4][32];
     fputs("<details class=case><summary><h3>", file);
     gn_html_text(file, what->name);
-    fprintf(file, "</h3><span class=soft>%s triangles &ndash; ",
-            gn_format_grouped(what->triangles, number[0]));
+    fprintf(file, "</h3><span class=soft>%s triangle%s &ndash; ",
+            gn_format_grouped(what->triangles, number[0]), what->triangles == 1 ? "" : "s");
     gn_html_text(file, what->about);
     fputs("</span></summary><div class=body>\n<div class=plot>", file);
     gn_accuracy_plot(file, accuracy, scene, false);

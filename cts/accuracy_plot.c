@@ -203,9 +203,9 @@ static void put_axes(FILE *file, const struct panel *panel)
         fprintf(file,
                 "<rect class=\"within\" x=\"%.1f\" y=\"%.1f\" width=\"%.1f\" height=\"%.1f\"/>"
                 "<line class=\"budget\" x1=\"%.1f\" x2=\"%.1f\" y1=\"%.1f\" y2=\"%.1f\"/>"
-                "<text class=\"soft\" font-size=\"10.5\" x=\"%.1f\" y=\"%.1f\">budget %g&#215;</text>\n",
+                "<text class=\"soft\" text-anchor=\"end\" font-size=\"10.5\" x=\"%.1f\" y=\"%.1f\">budget %g&#215;</text>\n",
                 panel->left, panel->top, budget - panel->left, bottom - panel->top, budget, budget,
-                panel->top, bottom, budget + 4, panel->bottom - 5, panel->accuracy->options.budget);
+                panel->top, bottom, budget - 4, panel->bottom - 5, panel->accuracy->options.budget);
     }
     double step = panel->value_high - panel->value_low > 7 ? 2 : 1;
     for (double e = panel->value_low; e <= panel->value_high + 1e-9; e += step) {
@@ -363,7 +363,10 @@ static void put_front(FILE *file, const struct panel *panel)
     double right = panel->right + (panel->slow_column ? BREAK + SLOW_COLUMN : 0);
     if (!count)
         return;
-    fprintf(file, "<path class=\"front\" d=\"M%.1f %.1fV%.1f", front[0]->x, panel->top, front[0]->y);
+    fputs("<path class=\"front\" data-tiers=\"", file);
+    for (size_t i = 0; i < count; i++)
+        fprintf(file, "%s%s", i ? " " : "", gn_ref_tier_name(front[i]->tier));
+    fprintf(file, "\" d=\"M%.1f %.1fV%.1f", front[0]->x, panel->top, front[0]->y);
     for (size_t i = 1; i < count; i++)
         fprintf(file, "H%.1fV%.1f", front[i]->x, front[i]->y);
     fprintf(file, "H%.1f\"/>\n", right);

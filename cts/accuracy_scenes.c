@@ -183,7 +183,9 @@ bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, b
      * by. */
     if (!(size > 1e-30) || !(size < 1e17) || !(fabs(low[0]) + fabs(low[1]) + fabs(low[2]) < 1e17)) {
         snprintf(out_error, error_size,
-                 "%s: its size is %g; expected one between 1e-30 and 1e17, as near the origin", name, size);
+                 "%s: it is %g in size, from %g %g %g on; expected a size between 1e-30 and 1e17, and no coordinate beyond "
+                 "1e17: Embree, which it is compared with, sees nothing there",
+                 name, size, low[0], low[1], low[2]);
         return false;
     }
     scene->distance = 1.5 * size;

@@ -53,8 +53,8 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
     char number[8][32];
     for (int mode = 0; mode < GN_ACCURACY_MODE_COUNT; mode++)
         gn_accuracy_points(accuracy, scene, (enum gn_accuracy_mode)mode, points[mode]);
-    fprintf(file, "\n%.40s: %s; %s triangles\n", what->name, what->about,
-            gn_format_grouped(what->triangles, number[0]));
+    fprintf(file, "\n%.40s: %s; %s triangle%s\n", what->name, what->about,
+            gn_format_grouped(what->triangles, number[0]), what->triangles == 1 ? "" : "s");
     fprintf(file, "%-9s %13s %13s   %-34s  %6s  %7s %6s\n", "", "single rays", "batches",
             "wrong per million, aimed at", "t max", "build", "bytes/");
     fprintf(file, "%-9s %6s %6s %6s %6s   %6s %6s %6s %6s %6s  %6s  %7s %6s\n", "tier", "Mray/s", "x rob.",
@@ -82,7 +82,7 @@ void gn_accuracy_print_scene(FILE *file, const struct gn_accuracy *accuracy, uin
 
 void gn_accuracy_print_choice(FILE *file, const struct gn_accuracy *accuracy)
 {
-    char text[256];
+    char text[256], gross[2][32];
     fprintf(file, "\nA wrong decision is gross unless it names a triangle that touches the right one.\n");
     fprintf(file, "\nThe most accurate tier within %g times the time of robust:\n", accuracy->options.budget);
     for (uint32_t i = 0; i <= accuracy->scene_count; i++) {
@@ -102,10 +102,10 @@ void gn_accuracy_print_choice(FILE *file, const struct gn_accuracy *accuracy)
                     gn_accuracy_mode_name((enum gn_accuracy_mode)mode), text);
             int other = gn_accuracy_choose_gross(points, GN_REF_TIER_COUNT, accuracy->options.budget, choice);
             if (other >= 0 && (all || accuracy->scene_count == 1))
-                fprintf(file, "  %-11s %-6s  but %s has fewer gross ones: %.0f against %.0f per million\n",
+                fprintf(file, "  %-11s %-6s  but %s has fewer gross ones: %s against %s per million\n",
                         "", "", gn_ref_tier_name((enum gn_ref_tier)other),
-                        1e6 * (double)points[other].gross / (double)points[other].rays,
-                        1e6 * (double)points[choice].gross / (double)points[choice].rays);
+                        gn_accuracy_number(1e6 * (double)points[other].gross / (double)points[other].rays, gross[0]),
+                        gn_accuracy_number(1e6 * (double)points[choice].gross / (double)points[choice].rays, gross[1]));
         }
     }
 }
@@ -139,10 +139,12 @@ char *gn_accuracy_json(const struct gn_accuracy *accuracy, size_t *out_length)
         put_number(doc, object, "ratio_to_robust", row->ratio_to_robust);
         put_number(doc, object, "wrong_per_million",
                    row->rays ? 1e6 * (double)gn_accuracy_row_wrong(row) / (double)row->rays : (double)NAN);
+        put_number(doc, object, "gross_per_million",
+                   row->rays ? 1e6 * (double)gn_accuracy_row_gross(row) / (double)row->rays : (double)NAN);
         put_number(doc, object, "t_error_ulp_median", row->t_error_median);
         put_number(doc, object, "t_error_ulp_max", row->t_error_max);
         put_number(doc, object, "build_seconds", row->build_seconds);
-        if (!yyjson_mut_obj_add_uint(doc, object, "bytes", row->bytes) || yyjson_mut_obj_size(object) != 11)
+        if (!yyjson_mut_obj_add_uint(doc, object, "bytes", row->bytes) || yyjson_mut_obj_size(object) != 12)
             goto done;
     }
     if (!gn_accuracy_driver_json(accuracy, doc, list) || !gn_accuracy_layer_json(accuracy, doc, list))

@@ -275,8 +275,7 @@ static int measure(struct gn_accuracy *accuracy, const char *out, struct gn_aren
         struct gn_accuracy_scene *scene = &accuracy->scenes[i];
         progress.scene = i;
         if (!progress.terminal)
-            fprintf(stderr, "[%u/%u] %s, %llu triangles, %s\n", i + 1, accuracy->scene_count, scene->name,
-                    (unsigned long long)scene->triangles,
+            fprintf(stderr, "[%u/%u] %s, after %s\n", i + 1, accuracy->scene_count, scene->name,
                     gn_format_duration(gn_clock() - progress.started, number));
         tick(&progress, "placing its triangles", 0);
         bool ok = gn_accuracy_scene_commit(scene, error, sizeof error) &&

@@ -243,7 +243,7 @@ static void print_table(const struct arguments *arguments, const struct gn_effec
            100 * (double)work->decided_wide / fmax(1, (double)work->triangles),
            100 * (double)work->decided_exact / fmax(1, (double)work->triangles));
     printf("trace, build: how much longer tracing in batches and placing the scene took with the effect forced on. What is not\n"
-           "called for ran 0 times, and forcing it changed no answer.\n");
+           "called for ran 0 times, and forcing it changed no answer. Less than 0 %% is how far timings of the same vary.\n");
 }
 
 static void put_number(yyjson_mut_doc *doc, yyjson_mut_val *object, const char *key, double value)

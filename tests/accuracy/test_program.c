@@ -70,6 +70,7 @@ static const struct {
             {"mrays_per_s", false},
             {"ratio_to_robust", false},
             {"wrong_per_million", false},
+            {"gross_per_million", false},
             {"t_error_ulp_median", false},
             {"t_error_ulp_max", false},
             {"build_seconds", false},
@@ -86,7 +87,8 @@ static void check_row(yyjson_val *row)
     }
     const char *tier = yyjson_get_str(yyjson_obj_get(row, "tier"));
     double wrong = yyjson_get_num(yyjson_obj_get(row, "wrong_per_million"));
-    assert_true(wrong >= 0 && wrong <= 1e6);
+    double gross = yyjson_get_num(yyjson_obj_get(row, "gross_per_million"));
+    assert_true(gross >= 0 && gross <= wrong && wrong <= 1e6);
     assert_true(yyjson_get_num(yyjson_obj_get(row, "mrays_per_s")) > 0);
     assert_true(yyjson_get_num(yyjson_obj_get(row, "bytes")) > 0);
     if (strcmp(tier, "robust") == 0)
@@ -158,6 +160,111 @@ static void a_quick_run_writes_what_it_says(void **state)
             fail_msg("a line longer than 100 columns: %.120s", text + i - 100);
     }
     free(text);
+}
+
+/* What the rows of one mode come to for a tier; every kind of rays has as many, but for the exact tier, which errs in none. */
+struct sum {
+    const char *tier;
+    double time, wrong, t_error; /* t_error: 0 below what the judge can tell */
+};
+
+static uint32_t sums_of(yyjson_val *list, const char *mode, struct sum out[8])
+{
+    uint32_t count = 0, rows[8] = {0};
+    yyjson_arr_iter all = yyjson_arr_iter_with(list);
+    yyjson_val *row;
+    while ((row = yyjson_arr_iter_next(&all))) {
+        uint32_t s = 0;
+        if (strcmp(yyjson_get_str(yyjson_obj_get(row, "mode")), mode) != 0)
+            continue;
+        while (s < count && strcmp(out[s].tier, yyjson_get_str(yyjson_obj_get(row, "tier"))) != 0)
+            s++;
+        if (s == count)
+            out[count++] = (struct sum){.tier = yyjson_get_str(yyjson_obj_get(row, "tier"))};
+        double error = yyjson_get_num(yyjson_obj_get(row, "t_error_ulp_max"));
+        rows[s]++;
+        out[s].time -= log(yyjson_get_num(yyjson_obj_get(row, "ratio_to_robust")));
+        out[s].wrong += yyjson_get_num(yyjson_obj_get(row, "wrong_per_million"));
+        out[s].t_error = fmax(out[s].t_error, error > 1e-4 ? error : 0);
+    }
+    for (uint32_t s = 0; s < count; s++) {
+        out[s].time = exp(out[s].time / rows[s]);
+        out[s].wrong /= rows[s];
+    }
+    return count;
+}
+
+/* The tiers that no other beats, in the order of their times, as the plot lists them; values within 1e-9 are the same. */
+static void front_of(const struct sum *sums, uint32_t count, bool of_t_error, char *out, size_t size)
+{
+    uint32_t on[8], found = 0;
+    for (uint32_t a = 0; a < count; a++) {
+        bool beaten = false;
+        for (uint32_t b = 0; b < count; b++) {
+            double x = of_t_error ? sums[a].t_error : sums[a].wrong, y = of_t_error ? sums[b].t_error : sums[b].wrong;
+            beaten = beaten || (sums[b].time < sums[a].time && y <= x + 1e-9 * x) ||
+                     (sums[b].time <= sums[a].time && y < x - 1e-9 * x);
+        }
+        if (!beaten)
+            on[found++] = a;
+    }
+    for (uint32_t i = 0; i < found; i++)
+        for (uint32_t j = i + 1; j < found; j++)
+            if (sums[on[j]].time < sums[on[i]].time) {
+                uint32_t kept = on[i];
+                on[i] = on[j];
+                on[j] = kept;
+            }
+    out[0] = 0;
+    for (uint32_t i = 0; i < found; i++)
+        snprintf(out + strlen(out), size - strlen(out), "%s%s", i ? " " : "", sums[on[i]].tier);
+}
+
+/* The choice for a budget and the fronts of the plot, once more from the rows of the JSON alone. */
+static void choice_and_front_follow_from_the_rows(void **state)
+{
+    (void)state;
+    static const char *const modes[] = {"single", "batch"};
+    static const char *const budgets[] = {"0.7x", "1x", "1.5x", "4x"};
+    for (size_t b = 0; b < sizeof budgets / sizeof budgets[0]; b++) {
+        assert_int_equal(RUN("--quick", "--rays", "300", "--runs", "1", "--scene", "blob", "--out", "f", "--budget", budgets[b]), 0);
+        size_t length;
+        char *json = read_all("f/accuracy.json", &length);
+        yyjson_doc *doc = yyjson_read(json, length, 0);
+        char *svg = read_all("f/accuracy.svg", &length), *at = svg, expected[128];
+        assert_non_null(doc);
+        struct sum sums[2][8];
+        uint32_t count = 0;
+        for (int mode = 0; mode < 2; mode++) {
+            int choice = -1;
+            count = sums_of(yyjson_doc_get_root(doc), modes[mode], sums[mode]);
+            assert_int_equal(count, 5);
+            for (uint32_t s = 0; s < count; s++) {
+                const struct sum *sum = &sums[mode][s], *best = choice < 0 ? NULL : &sums[mode][choice];
+                bool same = best && fabs(sum->wrong - best->wrong) <= 1e-9 * best->wrong;
+                if (sum->time <= atof(budgets[b]) &&
+                    (!best || (!same && sum->wrong < best->wrong) || (same && sum->t_error <= best->t_error)))
+                    choice = (int)s;
+            }
+            if (choice >= 0)
+                snprintf(expected, sizeof expected, "%-6s  %s: ", modes[mode], sums[mode][choice].tier);
+            else
+                snprintf(expected, sizeof expected, "%-6s  no tier takes at most", modes[mode]);
+            expect_text("out.txt", expected);
+        }
+        /* Panels: single rays, batches; above wrong decisions, below the error of t. */
+        for (int panel = 0; panel < 4; panel++) {
+            front_of(sums[panel % 2], count, panel >= 2, expected, sizeof expected);
+            at = strstr(at, "data-tiers=\"");
+            assert_non_null(at);
+            at += strlen("data-tiers=\"");
+            if (strncmp(at, expected, strlen(expected)) != 0 || at[strlen(expected)] != '"')
+                fail_msg("panel %d: expected the front \"%s\", found %.40s", panel, expected, at);
+        }
+        yyjson_doc_free(doc);
+        free(json);
+        free(svg);
+    }
 }
 
 static void a_model_file_is_a_scene(void **state)
@@ -302,6 +409,7 @@ int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(a_quick_run_writes_what_it_says),
+        cmocka_unit_test(choice_and_front_follow_from_the_rows),
         cmocka_unit_test(a_model_file_is_a_scene),
         cmocka_unit_test(a_driver_is_measured),
         cmocka_unit_test(the_layer_is_measured),
