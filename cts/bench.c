@@ -6,12 +6,15 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include "cts/bench_rays.h"
 #include "cts/device_internal.h"
 
 #include "bench_comp.spv.h"
 
-/* One measurement repeats what it measures until it has lasted this long, but at most so often. */
+/* One measurement repeats what it measures until it has lasted this long, but at most so often; what lasts longer than ENOUGH
+ * by itself is measured once. */
 #define LEAST_SECONDS 0.02
+#define ENOUGH_SECONDS 0.04
 #define MOST_REPEATS 20
 
 #define RAY_COUNT (1u << 16)
@@ -57,7 +60,22 @@ static const struct subject_traits traits[SUBJECT_COUNT] = {
     [TLAS_OF_MASKED] = {VK_GEOMETRY_TYPE_INSTANCES_KHR, 1, FAST_TRACE, false, TRIANGLES_16K_MASKED},
 };
 
-enum action { BUILD, UPDATE, COMPACT, TRACE, PIPELINE, FIRST_USE, STRUCTURE_BYTES, SCRATCH_BYTES, COMPACTED_BYTES };
+/* The ones of rays go through a ray tracing pipeline, the others by ray queries. */
+enum action {
+    BUILD,
+    UPDATE,
+    COMPACT,
+    TRACE,
+    PIPELINE,
+    FIRST_USE,
+    RAYS_TRACE,
+    RAYS_PIPELINE,
+    RAYS_LINKED,
+    RAYS_FIRST_USE,
+    STRUCTURE_BYTES,
+    SCRATCH_BYTES,
+    COMPACTED_BYTES
+};
 
 static const struct item {
     struct gn_bench_item shown;
@@ -80,6 +98,13 @@ static const struct item {
     {{"trace.any_hit", "65,536 random rays that confirm every candidate, 16,562 triangles", false}, TRACE, TLAS_OF_MASKED, 1, 0},
     {{"pipeline.create", "making a compute pipeline with a ray query, caches off", false}, PIPELINE, TLAS_OF_MASKED, 0, 0},
     {{"pipeline.first_use", "making it and tracing one ray", false}, FIRST_USE, TLAS_OF_MASKED, 0, 0},
+    {{"trace.pipeline.coherent", "trace.coherent through a ray tracing pipeline", false}, RAYS_TRACE, TLAS_OF_128K, 0, 0},
+    {{"trace.pipeline.incoherent", "trace.incoherent through it", false}, RAYS_TRACE, TLAS_OF_128K, 1, 0},
+    {{"trace.pipeline.first_hit", "trace.first_hit through it", false}, RAYS_TRACE, TLAS_OF_128K, 1, 4 /* TerminateOnFirstHit */},
+    {{"trace.pipeline.any_hit", "trace.any_hit through it and its any-hit shader", false}, RAYS_TRACE, TLAS_OF_MASKED, 1, 0},
+    {{"pipeline.rays.create", "making a ray tracing pipeline of four shaders, caches off", false}, RAYS_PIPELINE, TLAS_OF_MASKED, 0, 0},
+    {{"pipeline.rays.libraries", "making it from two libraries, these included", false}, RAYS_LINKED, TLAS_OF_MASKED, 0, 0},
+    {{"pipeline.rays.first_use", "making it and its table and tracing one ray", false}, RAYS_FIRST_USE, TLAS_OF_MASKED, 0, 0},
     {{"memory.triangles.128k", "a structure of 131,072 triangles", true}, STRUCTURE_BYTES, TRIANGLES_128K_PLAIN, 0, 0},
     {{"memory.scratch.128k", "scratch for building it", true}, SCRATCH_BYTES, TRIANGLES_128K_PLAIN, 0, 0},
     {{"memory.compacted.128k", "the same, updatable, compacted", true}, COMPACTED_BYTES, TRIANGLES_128K, 0, 0},
@@ -117,6 +142,7 @@ struct gn_bench {
     VkDescriptorSet descriptors;
     VkPipelineLayout layout;
     VkPipeline pipeline; /* for traces */
+    struct gn_bench_rays rays; /* likewise */
     struct gn_memory sums;
 };
 
@@ -156,6 +182,7 @@ void gn_bench_destroy(struct gn_bench *bench)
         vkDestroyDescriptorPool(device->handle, bench->descriptor_pool, NULL);
         vkDestroyDescriptorSetLayout(device->handle, bench->set_layout, NULL);
     }
+    gn_bench_rays_destroy(device, &bench->rays);
     gn_pool_finish(device, &bench->inputs);
     gn_pool_finish(device, &bench->structures);
     gn_pool_finish(device, &bench->scratch);
@@ -422,21 +449,27 @@ static enum gn_device_status compact(struct gn_bench *bench, enum subject subjec
 
 /* Traces */
 
+/* That make rays. */
+static VkShaderStageFlags stages_of(const struct gn_bench *bench)
+{
+    return VK_SHADER_STAGE_COMPUTE_BIT | (bench->device->info.ray_tracing_pipeline ? VK_SHADER_STAGE_RAYGEN_BIT_KHR : 0);
+}
+
 static enum gn_device_status prepare_layout(struct gn_bench *bench)
 {
     VkDevice device = bench->device->handle;
     if (bench->layout)
         return GN_DEVICE_OK;
     const VkDescriptorSetLayoutBinding bindings[] = {
-        {0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL},
-        {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, VK_SHADER_STAGE_COMPUTE_BIT, NULL}};
+        {0, VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1, stages_of(bench), NULL},
+        {1, VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1, stages_of(bench), NULL}};
     const VkDescriptorSetLayoutCreateInfo set_info = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_SET_LAYOUT_CREATE_INFO, .bindingCount = 2, .pBindings = bindings};
     const VkDescriptorPoolSize sizes[] = {{VK_DESCRIPTOR_TYPE_ACCELERATION_STRUCTURE_KHR, 1},
                                           {VK_DESCRIPTOR_TYPE_STORAGE_BUFFER, 1}};
     const VkDescriptorPoolCreateInfo pool_info = {
         .sType = VK_STRUCTURE_TYPE_DESCRIPTOR_POOL_CREATE_INFO, .maxSets = 1, .poolSizeCount = 2, .pPoolSizes = sizes};
-    const VkPushConstantRange range = {VK_SHADER_STAGE_COMPUTE_BIT, 0, 12};
+    const VkPushConstantRange range = {stages_of(bench), 0, 12};
     VkResult result = vkCreateDescriptorSetLayout(device, &set_info, NULL, &bench->set_layout);
     if (result == VK_SUCCESS)
         result = vkCreateDescriptorPool(device, &pool_info, NULL, &bench->descriptor_pool);
@@ -480,25 +513,30 @@ static enum gn_device_status create_pipeline(struct gn_bench *bench, VkPipeline 
     return gn_device_check(bench->device, result, "vkCreateComputePipelines");
 }
 
-static enum gn_device_status trace(struct gn_bench *bench, const struct item *item, VkPipeline pipeline, uint32_t rays,
-                                   double *out_seconds)
+/* By ray queries where `rays` is NULL. */
+static enum gn_device_status trace(struct gn_bench *bench, const struct item *item, VkPipeline pipeline,
+                                   const struct gn_bench_rays *rays, uint32_t count, double *out_seconds)
 {
     struct gn_device *device = bench->device;
-    const uint32_t push[3] = {rays, item->incoherent, item->ray_flags};
+    const VkPipelineBindPoint point = rays ? VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR : VK_PIPELINE_BIND_POINT_COMPUTE;
+    const uint32_t push[3] = {count, item->incoherent, item->ray_flags};
     enum gn_device_status status = gn_device_begin(device);
     if (status != GN_DEVICE_OK)
         return status;
-    vkCmdBindPipeline(device->commands, VK_PIPELINE_BIND_POINT_COMPUTE, pipeline);
-    vkCmdBindDescriptorSets(device->commands, VK_PIPELINE_BIND_POINT_COMPUTE, bench->layout, 0, 1, &bench->descriptors, 0,
-                            NULL);
-    vkCmdPushConstants(device->commands, bench->layout, VK_SHADER_STAGE_COMPUTE_BIT, 0, sizeof push, push);
-    vkCmdDispatch(device->commands, (rays + 63) / 64, 1, 1);
+    vkCmdBindDescriptorSets(device->commands, point, bench->layout, 0, 1, &bench->descriptors, 0, NULL);
+    vkCmdPushConstants(device->commands, bench->layout, stages_of(bench), 0, sizeof push, push);
+    if (rays) {
+        gn_bench_rays_record(device, rays, count);
+    } else {
+        vkCmdBindPipeline(device->commands, point, pipeline);
+        vkCmdDispatch(device->commands, (count + 63) / 64, 1, 1);
+    }
     return submit(bench, out_seconds);
 }
 
-static enum gn_device_status prepare_trace(struct gn_bench *bench, enum subject subject)
+static enum gn_device_status prepare_trace(struct gn_bench *bench, enum subject subject, bool rays)
 {
-    if (!bench->device->info.ray_query)
+    if (!rays && !bench->device->info.ray_query)
         return gn_device_fail(bench->device, GN_DEVICE_UNSUPPORTED, "the device has no ray queries");
     enum gn_device_status status = prepare_layout(bench);
     if (status != GN_DEVICE_OK)
@@ -520,7 +558,11 @@ static enum gn_device_status prepare_trace(struct gn_bench *bench, enum subject 
                                             .descriptorType = VK_DESCRIPTOR_TYPE_STORAGE_BUFFER,
                                             .pBufferInfo = &sums}};
     vkUpdateDescriptorSets(bench->device->handle, 2, writes, 0, NULL);
-    return bench->pipeline ? GN_DEVICE_OK : create_pipeline(bench, &bench->pipeline);
+    if (!rays)
+        return bench->pipeline ? GN_DEVICE_OK : create_pipeline(bench, &bench->pipeline);
+    if (!bench->rays.handle)
+        status = gn_bench_rays_create(bench->device, bench->layout, false, &bench->rays);
+    return status == GN_DEVICE_OK ? gn_bench_rays_prepare(bench->device, &bench->rays) : status;
 }
 
 static enum gn_device_status make_pipeline(struct gn_bench *bench, const struct item *item, double *out_seconds)
@@ -529,9 +571,24 @@ static enum gn_device_status make_pipeline(struct gn_bench *bench, const struct 
     double begin = gn_seconds_now(), ignored;
     enum gn_device_status status = create_pipeline(bench, &pipeline);
     if (status == GN_DEVICE_OK && item->action == FIRST_USE)
-        status = trace(bench, item, pipeline, 1, &ignored);
+        status = trace(bench, item, pipeline, NULL, 1, &ignored);
     *out_seconds = gn_seconds_now() - begin;
     vkDestroyPipeline(bench->device->handle, pipeline, NULL);
+    return status;
+}
+
+static enum gn_device_status make_rays(struct gn_bench *bench, const struct item *item, double *out_seconds)
+{
+    struct gn_device *device = bench->device;
+    struct gn_bench_rays rays = {0};
+    double begin = gn_seconds_now(), ignored;
+    enum gn_device_status status = gn_bench_rays_create(device, bench->layout, item->action == RAYS_LINKED, &rays);
+    if (status == GN_DEVICE_OK && item->action == RAYS_FIRST_USE)
+        status = gn_bench_rays_prepare(device, &rays);
+    if (status == GN_DEVICE_OK && item->action == RAYS_FIRST_USE)
+        status = trace(bench, item, VK_NULL_HANDLE, &rays, 1, &ignored);
+    *out_seconds = gn_seconds_now() - begin;
+    gn_bench_rays_destroy(device, &rays);
     return status;
 }
 
@@ -544,9 +601,14 @@ static enum gn_device_status once(struct gn_bench *bench, const struct item *ite
     case COMPACT:
         return compact(bench, item->subject, out_seconds);
     case TRACE:
-        return trace(bench, item, bench->pipeline, RAY_COUNT, out_seconds);
-    default:
+        return trace(bench, item, bench->pipeline, NULL, RAY_COUNT, out_seconds);
+    case RAYS_TRACE:
+        return trace(bench, item, VK_NULL_HANDLE, &bench->rays, RAY_COUNT, out_seconds);
+    case PIPELINE:
+    case FIRST_USE:
         return make_pipeline(bench, item, out_seconds);
+    default:
+        return make_rays(bench, item, out_seconds);
     }
 }
 
@@ -557,8 +619,8 @@ enum gn_device_status gn_bench_measure(struct gn_bench *bench, size_t number, do
     enum gn_device_status status = prepare(bench, item->subject);
     if (status == GN_DEVICE_OK && (item->action == COMPACT || item->action == COMPACTED_BYTES))
         status = prepare_compaction(bench, item->subject);
-    if (status == GN_DEVICE_OK && (item->action == TRACE || item->action == PIPELINE || item->action == FIRST_USE))
-        status = prepare_trace(bench, item->subject);
+    if (status == GN_DEVICE_OK && item->action >= TRACE && item->action <= RAYS_FIRST_USE)
+        status = prepare_trace(bench, item->subject, item->action >= RAYS_TRACE);
     if (status != GN_DEVICE_OK)
         return status;
     switch (item->action) {
@@ -575,7 +637,7 @@ enum gn_device_status gn_bench_measure(struct gn_bench *bench, size_t number, do
         break;
     }
     double best = INFINITY, total = 0, seconds = 0;
-    for (int i = 0; i < MOST_REPEATS && (i < 2 || total < LEAST_SECONDS); i++) {
+    for (int i = 0; i < MOST_REPEATS && total < (i < 2 ? ENOUGH_SECONDS : LEAST_SECONDS); i++) {
         if ((status = once(bench, item, &seconds)) != GN_DEVICE_OK)
             return status;
         total += seconds;

@@ -24,7 +24,7 @@ struct gn_bench *gn_bench_create(struct gn_device *device);
 void gn_bench_destroy(struct gn_bench *bench);
 
 /*
- * Measures one item: the shortest of several times, which is what the driver needs when nothing else gets into its way.
+ * Measures one item: the shortest of several times (of one, where that is long), which is what the driver needs when nothing else gets into its way.
  * The first time prepares what the item works on. Anything but GN_DEVICE_OK: gn_device_message() says why.
  */
 enum gn_device_status gn_bench_measure(struct gn_bench *bench, size_t item, double *out_value);

@@ -1,41 +1,20 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Rays for measuring time: made from their index, answered by one number for a group, so that little but tracing costs. */
+/* The rays of bench.glsl by ray queries. */
 #version 460
 #extension GL_EXT_ray_query : require
+#extension GL_GOOGLE_include_directive : require
+#include "bench.glsl"
 layout(local_size_x = 64) in;
-layout(binding = 0) uniform accelerationStructureEXT scene;
-layout(binding = 1) buffer Sums { float sums[]; };
-layout(push_constant) uniform Push {
-    uint count;      /* rays */
-    uint incoherent; /* 0: a camera's; 1: from anywhere to anywhere */
-    uint flags;
-};
-
-uint scramble(uint x)
-{
-    x ^= x >> 16;
-    x *= 0x7feb352du;
-    x ^= x >> 15;
-    x *= 0x846ca68bu;
-    return x ^ x >> 16;
-}
-
-float unit(uint x) { return float(scramble(x) >> 8) / 16777216.0; }
 
 void main()
 {
     const uint index = gl_GlobalInvocationID.x;
     if (index >= count)
         return;
-    /* The scene lies over the square from 0 to 1, between the heights 0 and 0.2. */
-    const uint side = 256;
-    vec3 from = vec3(0.5, 0.5, 2), to = vec3(vec2(index % side, index / side % side) / float(side), 0.1);
-    if (incoherent != 0) {
-        from = vec3(unit(6 * index), unit(6 * index + 1), 0.3 + 0.2 * unit(6 * index + 2));
-        to = vec3(unit(6 * index + 3), unit(6 * index + 4), 0.1 * unit(6 * index + 5));
-    }
+    vec3 from, direction;
+    ray_make(index, from, direction);
     rayQueryEXT query;
-    rayQueryInitializeEXT(query, scene, flags, 0xFF, from, 0, to - from, 100);
+    rayQueryInitializeEXT(query, scene, flags, 0xFF, from, 0, direction, 100);
     while (rayQueryProceedEXT(query))
         rayQueryConfirmIntersectionEXT(query);
     float t = -1;
