@@ -15,6 +15,8 @@
 #include "cts/worker.h"
 
 #define FIRST_ROUNDS 9
+/* After this no item gets more than its first rounds: on a machine that is busy otherwise an answer has to come as well. */
+#define MOST_SECONDS 60.0
 #define OPEN_TIMEOUT 60.0
 #define MEASURE_TIMEOUT 120.0
 
@@ -161,12 +163,13 @@ static void show(const struct gn_gate_time *time, size_t done, size_t count)
 }
 
 /* Measures an item until it is decided. False when a driver did not come through it. */
-static bool measure_item(struct gn_gate *gate, struct gn_gate_time *time, struct gn_process processes[2], size_t number)
+static bool measure_item(struct gn_gate *gate, struct gn_gate_time *time, struct gn_process processes[2], size_t number,
+                         double deadline)
 {
     uint32_t least = time->item->bytes ? 1 : FIRST_ROUNDS;
     bool alive = true;
     while (alive && !*time->missing && time->rounds < GN_GATE_MOST_ROUNDS &&
-           (time->rounds < least || (time->undecided && !time->item->bytes))) {
+           (time->rounds < least || (time->undecided && !time->item->bytes && gn_clock() < deadline))) {
         show(time, number, gate->time_count);
         alive = round_of(gate, time, processes);
         if (time->rounds >= least)
@@ -182,6 +185,7 @@ static bool measure_items(struct gn_gate *gate, const char *const drivers[2], bo
 {
     struct gn_process processes[2] = {{0, -1, -1, -1, NULL, 0, 0}, {0, -1, -1, -1, NULL, 0, 0}};
     bool ok = true, alive = true;
+    double deadline = gn_clock() + MOST_SECONDS;
     for (int which = 0; which < 2 && ok; which++)
         ok = gn_gate_open(&processes[which], drivers[which], out_error, error_size);
     for (size_t i = 0; i < gate->time_count && ok; i++) {
@@ -192,7 +196,7 @@ static bool measure_items(struct gn_gate *gate, const char *const drivers[2], bo
         if (!alive)
             time->missing = "a driver did not come through an earlier measurement";
         else
-            alive = measure_item(gate, time, processes, i);
+            alive = measure_item(gate, time, processes, i, deadline);
         time->unconfirmed = time->unconfirmed && !time->exceeds;
     }
     if (isatty(STDERR_FILENO))

@@ -129,20 +129,8 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     return ok;
 }
 
-/*
- * GNOMON_TEST_SLOW, "TEXT:FACTOR", plants a slowdown: a driver whose file has TEXT in its name is measured FACTOR times as
- * slow as it is.
- */
-static double test_slow(const char *icd)
-{
-    const char *slow = getenv("GNOMON_TEST_SLOW");
-    char text[256];
-    double factor;
-    return slow && sscanf(slow, "%255[^:]:%lf", text, &factor) == 2 && strstr(icd, text) ? factor : 1;
-}
-
 /* One measurement, on request: its value, or in its place why there is none. */
-static bool run_bench(struct gn_bench *bench, struct gn_device *device, const char *name, double factor)
+static bool run_bench(struct gn_bench *bench, struct gn_device *device, const char *name)
 {
     char text[1200];
     double value = 0;
@@ -152,7 +140,7 @@ static bool run_bench(struct gn_bench *bench, struct gn_device *device, const ch
         return false;
     }
     if (gn_bench_measure(bench, item, &value) == GN_DEVICE_OK)
-        snprintf(text, sizeof text, "%a", gn_bench_item(item)->bytes ? value : value * factor);
+        snprintf(text, sizeof text, "%a", value);
     else
         snprintf(text, sizeof text, "- %s", gn_device_message(device));
     for (char *c = text; *c; c++)
@@ -205,7 +193,7 @@ int gn_worker_main(int argc, char **argv)
         if (strncmp(line, GN_WORKER_BENCH, sizeof GN_WORKER_BENCH - 1) == 0) {
             if (!bench && !(bench = gn_bench_create(device)))
                 goto done;
-            if (!run_bench(bench, device, line + sizeof GN_WORKER_BENCH - 1, test_slow(argv[2])))
+            if (!run_bench(bench, device, line + sizeof GN_WORKER_BENCH - 1))
                 goto done;
             continue;
         }

@@ -1,12 +1,12 @@
 # SPDX-License-Identifier: Apache-2.0
-# The real gate on lavapipe: one driver against itself, planted failures, order dependence, planted slowdowns, rewritten expectations.
+# The real gate on lavapipe: one driver against itself, planted failures, order dependence, rewritten expectations.
 set -u
 gnomon=$1
 failures=0
 scratch=$(mktemp -d) || exit 1
 trap 'rm -rf "$scratch"' EXIT
 cd "$scratch" || exit 1
-unset GNOMON_TEST_FAULT GNOMON_TEST_SLOW
+unset GNOMON_TEST_FAULT
 icd=${GNOMON_LAVAPIPE_ICD:-${VK_DRIVER_FILES:-/usr/share/vulkan/icd.d/lvp_icd.json}}
 # The same driver under another name, to be told apart.
 sed "s|\"library_path\"[[:space:]]*:[[:space:]]*\"\([^/\"]*\)\"|\"library_path\": \"\1\"|" "$icd" >"$scratch/copied_icd.json"
