@@ -225,7 +225,7 @@ static void put_scene(FILE *file, const struct gn_accuracy *accuracy, uint32_t s
           "class=n>&times; robust"
           "<th class=n>Batch<br>Mray/s<th class=n>&times; robust<th class=n>Wrong per million<br>single<th "
           "class=n><br>batch"
-          "<th class=n>Of it gross<br>batch<th class=n>t error, ulp<br>median<th "
+          "<th class=n>of which<br>gross<th class=n>t error, ulp<br>median<th "
           "class=n><br>largest</tr></thead><tbody>\n",
           file);
     for (int aim = 0; aim < GN_AIM_COUNT; aim++) {

@@ -271,6 +271,10 @@ static void check_batch(const struct gn_ref_scene *scene, const char *name, uint
             what = "whether a batch has a closest triangle";
         else if (found[i] == 1)
             what = difference(&hits[i], &hit);
+        if (!what && found[i] == 1 &&
+            (hits[i].t != hit.t || hits[i].t_error != hit.t_error || hits[i].beta != hit.beta || hits[i].gamma != hit.gamma ||
+             hits[i].barycentric_error != hit.barycentric_error))
+            what = "a number of a batch, to the last bit";
         if (what)
             describe(counts, name, seed, &rays[i], what, i);
     }
