@@ -12,6 +12,7 @@
 #include <yyjson.h>
 
 #include "tests/layer/ask.h"
+#include "tests/layer/trace.h"
 
 #define AFTER_FALSE "query.proceed.after_false"
 #define CANDIDATES 64
@@ -516,6 +517,45 @@ static void structures(void **state)
     assert_int_equal(failures, 0);
 }
 
+/* A TLAS that nothing has built is an error where a shader certainly traces through it, else a note, until the operation has run on it. */
+static void proof_of_use(void **state)
+{
+    static const struct {
+        enum trace_shader shader;
+        uint32_t traces; /* what TRACE_MAYBE is told */
+        const char *use;
+        VkDebugUtilsMessageSeverityFlagBitsEXT severity;
+        uint32_t ran;
+    } table[] = {
+        {TRACE_ALWAYS, 0, "use.tlas_never_built", VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT, 1},
+        {TRACE_MAYBE, 1, "use.tlas_never_built_bound", VK_DEBUG_UTILS_MESSAGE_SEVERITY_INFO_BIT_EXT, 1},
+        {TRACE_MAYBE, 0, "use.tlas_never_built_bound", VK_DEBUG_UTILS_MESSAGE_SEVERITY_INFO_BIT_EXT, 0},
+    };
+    (void)state;
+    VkBool32 yes = VK_TRUE;
+    VkLayerSettingEXT setting = {"VK_LAYER_GNOMON_ray_tracing", "safe_mode", VK_LAYER_SETTING_TYPE_BOOL32_EXT, 1, &yes};
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world world;
+        ask_world_init(&world, &(struct world_options){.settings = &setting, .setting_count = 1});
+        world.above_khronos = false;
+        struct structure tlas = tlas_create(&world, 1);
+        struct tracer tracer = tracer_create(&world, table[i].shader, TRACE_BY_WRITE);
+        tracer_refer(&world, &tracer, tlas.handle);
+        ((uint32_t *)tracer.hits.mapped)[1] = table[i].traces;
+        VkCommandBuffer commands = commands_begin(&world, 0);
+        commands_trace(&world, commands, &tracer, VK_NULL_HANDLE, 1);
+        commands_end(commands);
+        submit_and_wait(&world, commands);
+        const struct message *use = messages_find(&world, table[i].use), *ran = messages_find(&world, "structure.never_built");
+        assert_true(use && use->severity == table[i].severity);
+        assert_int_equal(messages_count(&world, "structure.never_built"), table[i].ran);
+        assert_true(!ran || ran->severity == VK_DEBUG_UTILS_MESSAGE_SEVERITY_ERROR_BIT_EXT);
+        tracer_destroy(&world, &tracer);
+        structure_destroy(&world, &tlas);
+        world_finish(&world);
+    }
+}
+
 /* Vertices are read of BLASes that allow it (A) and of some that do not (-). In safe mode, for a driver may do anything else. */
 static void positions(void **state)
 {
@@ -602,6 +642,7 @@ int main(int argc, char **argv)
         cmocka_unit_test(levels),
         cmocka_unit_test(safe_mode),
         cmocka_unit_test(structures),
+        cmocka_unit_test(proof_of_use),
         cmocka_unit_test(positions),
         cmocka_unit_test(cache),
         cmocka_unit_test(left_behind),
