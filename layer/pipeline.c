@@ -208,9 +208,20 @@ struct plan {
     const VkPipelineLibraryCreateInfoKHR *libraries;
 };
 
-static bool plan_make(struct change *change, struct plan *plan, VkPipelineLayout layout, struct gn_ray_facts facts, uint32_t count,
-                      const VkPipelineShaderStageCreateInfo *stages)
+static void look_for_binaries(struct gn_device *device, const void *chain)
 {
+    const VkPipelineBinaryInfoKHR *binaries = gn_chain_find(chain, VK_STRUCTURE_TYPE_PIPELINE_BINARY_INFO_KHR);
+    if (binaries && binaries->binaryCount)
+        gn_tally_unjudged(device, GN_UNJUDGED_shader_binaries, 1);
+}
+
+/* Whether the stages to create it from are others. `chain` is that of the pipeline; without stages (NULL) there is nothing to plan. */
+static bool plan_make(struct change *change, struct plan *plan, const void *chain, VkPipelineLayout layout, struct gn_ray_facts facts,
+                      uint32_t count, const VkPipelineShaderStageCreateInfo *stages)
+{
+    look_for_binaries(change->device, chain);
+    if (!stages)
+        return false;
     const struct around around = {gn_layout_mirrored(change->device, layout), facts};
     bool any = false;
     plan->create = stages;
@@ -282,18 +293,21 @@ static void plan_done(struct gn_device *device, struct plan *plan, uint64_t hand
         free(plan->stages[i].module_name);
 }
 
-/* A pipeline that was not made has no handle. */
-static void plans_done(struct gn_device *device, struct plan *plans, uint32_t count, VkResult result, const VkPipeline *pipelines)
+/* Plans for so many pipelines, and room for what they are created from; NULL where shaders are left alone. */
+static void *plans_begin(struct change *change, uint32_t count, size_t size, struct plan **out_plans)
 {
-    for (uint32_t i = 0; i < count; i++)
-        plan_done(device, &plans[i], result >= 0 && result != VK_OPERATION_DEFERRED_KHR ? (uint64_t)pipelines[i] : 0, false);
+    *out_plans = change->device->shaders ? change_alloc(change, count, sizeof **out_plans) : NULL;
+    return *out_plans ? change_alloc(change, count, size) : NULL;
 }
 
-static void look_for_binaries(struct gn_device *device, const void *chain)
+/* A pipeline that was not made has no handle. */
+static VkResult plans_done(struct change *change, struct plan *plans, uint32_t count, VkResult result, const VkPipeline *pipelines)
 {
-    const VkPipelineBinaryInfoKHR *binaries = gn_chain_find(chain, VK_STRUCTURE_TYPE_PIPELINE_BINARY_INFO_KHR);
-    if (binaries && binaries->binaryCount)
-        gn_tally_unjudged(device, GN_UNJUDGED_shader_binaries, 1);
+    const bool deferred = result == VK_OPERATION_DEFERRED_KHR;
+    for (uint32_t i = 0; plans && i < count; i++)
+        plan_done(change->device, &plans[i], result >= 0 && !deferred ? (uint64_t)pipelines[i] : 0, false);
+    change_finish(change, deferred);
+    return result;
 }
 
 static const struct gn_ray_facts no_rays;
@@ -320,13 +334,12 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, 
 {
     struct gn_device *device = gn_device_of(handle);
     struct change change = {.device = device};
-    struct plan *plans = device->shaders ? change_alloc(&change, count, sizeof *plans) : NULL;
-    VkComputePipelineCreateInfo *copies = change_alloc(&change, count, sizeof *copies);
+    struct plan *plans;
+    VkComputePipelineCreateInfo *copies = plans_begin(&change, count, sizeof *copies, &plans);
     bool any = false;
-    for (uint32_t i = 0; plans && copies && i < count; i++) {
-        look_for_binaries(device, infos[i].pNext);
+    for (uint32_t i = 0; copies && i < count; i++) {
         copies[i] = infos[i];
-        if (plan_make(&change, &plans[i], infos[i].layout, no_rays, 1, &infos[i].stage)) {
+        if (plan_make(&change, &plans[i], infos[i].pNext, infos[i].layout, no_rays, 1, &infos[i].stage)) {
             copies[i].stage = *plans[i].create;
             any = true;
         }
@@ -334,10 +347,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateComputePipelines(VkDevice handle, 
     VkResult result = device->next.CreateComputePipelines(handle, cache, count, any ? copies : infos, allocator, out);
     if (result >= 0)
         gn_uses_compute_created(device, count, infos, out);
-    if (plans && copies)
-        plans_done(device, plans, count, result, out);
-    change_finish(&change, false);
-    return result;
+    return plans_done(&change, copies ? plans : NULL, count, result, out);
 }
 
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle, VkPipelineCache cache, uint32_t count,
@@ -346,20 +356,19 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle,
 {
     struct gn_device *device = gn_device_of(handle);
     struct change change = {.device = device};
-    struct plan *plans = device->shaders ? change_alloc(&change, count, sizeof *plans) : NULL;
-    VkGraphicsPipelineCreateInfo *copies = change_alloc(&change, count, sizeof *copies);
+    struct plan *plans;
+    VkGraphicsPipelineCreateInfo *copies = plans_begin(&change, count, sizeof *copies, &plans);
     bool any = false;
-    for (uint32_t i = 0; plans && copies && i < count; i++) {
+    for (uint32_t i = 0; copies && i < count; i++) {
         /* The stages of a library without shader state are not to be looked at. */
         const VkGraphicsPipelineLibraryCreateInfoEXT *library =
             gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_GRAPHICS_PIPELINE_LIBRARY_CREATE_INFO_EXT);
         bool has_stages = !library || (library->flags & (VK_GRAPHICS_PIPELINE_LIBRARY_PRE_RASTERIZATION_SHADERS_BIT_EXT |
                                                          VK_GRAPHICS_PIPELINE_LIBRARY_FRAGMENT_SHADER_BIT_EXT));
-        look_for_binaries(device, infos[i].pNext);
         copies[i] = infos[i];
         plans[i].libraries = gn_chain_find(infos[i].pNext, VK_STRUCTURE_TYPE_PIPELINE_LIBRARY_CREATE_INFO_KHR);
-        if (has_stages && infos[i].pStages &&
-            plan_make(&change, &plans[i], infos[i].layout, no_rays, infos[i].stageCount, infos[i].pStages)) {
+        if (plan_make(&change, &plans[i], infos[i].pNext, infos[i].layout, no_rays, infos[i].stageCount,
+                      has_stages ? infos[i].pStages : NULL)) {
             copies[i].pStages = plans[i].create;
             any = true;
         }
@@ -367,10 +376,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateGraphicsPipelines(VkDevice handle,
     VkResult result = device->next.CreateGraphicsPipelines(handle, cache, count, any ? copies : infos, allocator, out);
     if (result >= 0)
         gn_uses_graphics_created(device, count, infos, out);
-    if (plans && copies)
-        plans_done(device, plans, count, result, out);
-    change_finish(&change, false);
-    return result;
+    return plans_done(&change, copies ? plans : NULL, count, result, out);
 }
 
 VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice handle, VkDeferredOperationKHR deferred,
@@ -380,15 +386,13 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice ha
 {
     struct gn_device *device = gn_device_of(handle);
     struct change change = {.device = device};
-    struct plan *plans = device->shaders ? change_alloc(&change, count, sizeof *plans) : NULL;
-    VkRayTracingPipelineCreateInfoKHR *copies = change_alloc(&change, count, sizeof *copies);
+    struct plan *plans;
+    VkRayTracingPipelineCreateInfoKHR *copies = plans_begin(&change, count, sizeof *copies, &plans);
     bool any = false;
-    for (uint32_t i = 0; plans && copies && i < count; i++) {
-        look_for_binaries(device, infos[i].pNext);
+    for (uint32_t i = 0; copies && i < count; i++) {
         copies[i] = infos[i];
         plans[i].libraries = infos[i].pLibraryInfo;
-        if (infos[i].pStages &&
-            plan_make(&change, &plans[i], infos[i].layout, facts_of(&infos[i]), infos[i].stageCount, infos[i].pStages)) {
+        if (plan_make(&change, &plans[i], infos[i].pNext, infos[i].layout, facts_of(&infos[i]), infos[i].stageCount, infos[i].pStages)) {
             copies[i].pStages = plans[i].create;
             any = true;
         }
@@ -399,10 +403,7 @@ VKAPI_ATTR VkResult VKAPI_CALL gn_entry_CreateRayTracingPipelinesKHR(VkDevice ha
         gn_uses_rays_created(device, count, infos, out);
         gn_rays_created(device, count, infos, out);
     }
-    if (plans && copies)
-        plans_done(device, plans, count, result, out);
-    change_finish(&change, result == VK_OPERATION_DEFERRED_KHR);
-    return result;
+    return plans_done(&change, copies ? plans : NULL, count, result, out);
 }
 
 VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyPipeline(VkDevice handle, VkPipeline pipeline, const VkAllocationCallbacks *allocator)

@@ -175,13 +175,16 @@ static void specialized_operands(void **state)
     static const struct {
         uint32_t flags, expected;
     } table[] = {{0, 0}, {1, 0}, {1 | 2, 1}};
+    static const enum ask_way ways[] = {ASK_BY_MODULE, ASK_INLINE, ASK_BY_OBJECT};
+    const size_t count = sizeof table / sizeof table[0], all = count * (sizeof ways / sizeof ways[0]);
     (void)state;
-    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+    for (size_t run = 0; run < all; run++) {
+        const size_t i = run % count;
         struct world world;
         ask_world_init(&world, NULL);
         world.above_khronos = false; /* what it says of flags that exclude each other is not the point */
         struct scene scene = scene_create(&world, 1);
-        struct asker asker = asker_create(&world, ASK_COMPUTE, ASK_BY_MODULE, scene.tlas.handle, table[i].flags);
+        struct asker asker = asker_create(&world, ASK_COMPUTE, ways[run / count], scene.tlas.handle, table[i].flags);
         asker_run(&world, &asker, 0);
         assert_int_equal(messages_count(&world, OPACITY_PAIR), table[i].expected);
         asker_destroy(&world, &asker);
