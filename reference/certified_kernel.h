@@ -11,6 +11,9 @@
 
 #include "reference/certified.h"
 
+typedef gn_ref_v4 v4;
+typedef gn_ref_m4 m4;
+
 /* Rays in flight: enough for the others' work to hide the wait for memory. */
 #define FLIGHTS 16
 
@@ -213,13 +216,13 @@ static inline bool lane_offer(struct gn_ref_certified *call, struct gn_ref_fligh
     return true;
 }
 
-/* a b - c d, rounded once but for terms of the order of u^2 (|a b| + |c d|), and what its error is bounded by. */
-static inline double cross_sharp(double a, double b, double c, double d, double *out_error, bool *exact)
+/* a b - c d + more, rounded once but for terms of the order of u^2 (|a b| + |c d|), and what its error is bounded by. */
+static inline double cross_sharp(double a, double b, double c, double d, double more, double *out_error, bool *exact)
 {
     double p = a * b, q = c * d;
     double p_rest = product_rest(a, b, p), q_rest = product_rest(c, d, q);
     double high = p - q, high_rest = difference_rest(p, q, high);
-    double low = high_rest + (p_rest - q_rest);
+    double low = (high_rest + (p_rest - q_rest)) + more;
     double value = high + low;
     *out_error = fabs(value) * 0x1p-53 + (fabs(p) + fabs(q)) * 0x1p-103;
     *exact &= p_rest == 0 && q_rest == 0 && high_rest == 0;
@@ -230,16 +233,17 @@ static inline double cross_sharp(double a, double b, double c, double d, double 
  * The edge functions with everything compensated once, u = 2^-53. As in wide.c the shear is
  * multiplied by d_z: x = d_z a_x - d_x a_z, y likewise, and the edge functions by d_z^2, which changes nothing that is asked.
  *
- * a = w - o comes with its rounding error, found exactly; with the vertex's own that bounds it by r. In cross_sharp()
- * products and their difference come with their rests, found exactly too; adding these up is wrong by less than
- * 2 u^2 (|p| + |q|) (1 + 4u) for the rests of the products and as much for the rest of the difference, 4 u^2 in all, and
- * the last sum by u |value|; 2^-103 = 8 u^2 covers that. So x is wrong by
- *     e_x = u |x| + 8 u^2 (|p| + |q|) + (|d_z| + |d_x|) r.
+ * a = w - o comes as a sum of two, a number and its rest, which are wrong by r (struct corners). In cross_sharp()
+ * products and their difference come with their rests, found exactly; adding these up is wrong by less than
+ * 2 u^2 (|p| + |q|) (1 + 4u) for the rests of the products and as much for the rest of the difference, 4 u^2 in all, adding
+ * those of a by 3 u^2 (|p| + |q|) and, with L the largest of these and D = |d_z|, by 8 u D L, and
+ * the last sum by u |value|; 2^-103 = 8 u^2 covers what has u^2. So x is wrong by
+ *     e_x = u |x| + 8 u^2 (|p| + |q|) + 2 D (r + 8 u L).
  * and an edge function x_j y_k - y_j x_k by e_xj |y_k| + |x_j| e_yk + e_xj e_yk, the same with x and y exchanged, and its own
  * rounding. Those sums are rounded themselves, which the factor 1.0625 covers. What underflows is less than 2^-900 of
  * a scene's range: R >= 2^-80 and |d_z| >= 2^-149, which the constant covers.
  *
- * Where all of r and the rests in x and y are 0, x and y are exact; the products of an edge function then are each a
+ * Where a is exact and the rests in x and y are 0, x and y are exact; the products of an edge function then are each a
  * rounded one and a rest, and their order is that of the rounded ones unless these are equal, for rounding is monotone.
  * That asks for rests that do not underflow: f32 vertices and origins differ by multiples of 2^-149, x and y are
  * multiples of 2^-298, and rests of 2^-596. Vertices in f64 may be finer; there nothing counts as exact unless x and y
@@ -256,52 +260,114 @@ static inline bool is_coarse(double a)
     return a == 0 || fabs(a) > 0x1p-400;
 }
 
-/* In the world: that is where an instance's corners are placed. */
-static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *flight, const struct gn_ref_certified *call,
-                                uint64_t id)
+/* Of a triangle, less the origin, in the world and the order of its axes. */
+struct corners {
+    double a[3][3], rest[3][3]; /* their sum is what is meant */
+    double error; /* of the sum; infinite where nothing is known */
+    double most_rest;
+    bool exact; /* rest and error are 0 */
+    bool coarse; /* multiples of 2^-149 */
+};
+
+/*
+ * Of an instance whose object-space corners v are f32: a = (T - o) + m_1 v_1 + m_2 v_2 + m_3 v_3 has exact products and sums whose
+ * rests are found exactly. With A bounding the sums of the terms' magnitudes these are at most u A, four of them, and
+ * adding them up is wrong by 3 u 4 u A = 12 u^2 A < r = 2^-102 A.
+ */
+static inline void corners_place(struct corners *out, const float m[12], const struct gn_ref_leaf_f32 *leaf, uint32_t lane,
+                                 const struct gn_ref_ray *ray, const uint32_t axis[3])
+{
+    const v4 start = {m[3], m[7], m[11], 0}, o = {ray->origin[0], ray->origin[1], ray->origin[2], 0}, first = start - o;
+    const v4 back = first - start, first_rest = (start - (first - back)) - (o + back);
+    v4 sizes = {0}, rests = GN_REF_V4_ABS(first_rest);
+    for (int v = 0; v < 3; v++) {
+        v4 sum = first, rest = first_rest, size = GN_REF_V4_ABS(first);
+        for (int j = 0; j < 3; j++) {
+            const double w = leaf->w[v][j][lane];
+            const v4 product = (v4){m[j], m[4 + j], m[8 + j], 0} * GN_REF_V4_ALL(w);
+            const v4 next = sum + product, other = next - sum, lost = (sum - (next - other)) + (product - other);
+            rest += lost;
+            rests += GN_REF_V4_ABS(lost);
+            size += GN_REF_V4_ABS(product);
+            sum = next;
+        }
+        const v4 whole = sum + rest, other = whole - sum, last = (sum - (whole - other)) + (rest - other);
+        sizes += size;
+        for (int i = 0; i < 3; i++) {
+            out->a[v][i] = whole[axis[i]];
+            out->rest[v][i] = last[axis[i]];
+        }
+    }
+    double size = sizes[0] + sizes[1] + sizes[2];
+    out->exact = rests[0] + rests[1] + rests[2] == 0;
+    out->error = out->exact ? 0 : 0x1p-102 * size;
+    out->coarse = false;
+}
+
+static inline void corners_set(struct corners *out, const struct gn_ref_flight *flight, const struct gn_ref_certified *call,
+                               uint64_t id)
 {
     const struct gn_ref_scene *scene = call->scene;
     const struct gn_ref_frame *world = &flight->frames[0];
-    const struct gn_ref_bvh *bvh = gn_ref_scene_tree(scene, gn_ref_id_instance(id));
-    double w[3][3], x[3], y[3], x_error[3], y_error[3], rest = 0, most_z = 0, vertex_error;
-    double dx = flight->direction[0], dy = flight->direction[1], dz = flight->direction[2];
-    bool exact = true, narrow = false;
-    if (scene->layered && gn_ref_instance_is_entered(scene, gn_ref_id_instance(id), call->forced)) {
-        double corners[3][3];
-        const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, id);
-        gn_ref_triangle_place(scene, &primitive, corners, &vertex_error);
-        for (int v = 0; v < 3; v++)
-            for (int i = 0; i < 3; i++)
-                w[v][i] = corners[v][world->axis[i]];
+    const uint32_t instance = gn_ref_id_instance(id), place = (uint32_t)id;
+    const struct gn_ref_bvh *bvh = gn_ref_scene_tree(scene, instance);
+    bool entered = scene->layered && gn_ref_instance_is_entered(scene, instance, call->forced);
+    if (entered && bvh->leaves_f32) {
+        corners_place(out, scene->instances[instance].transform, &bvh->leaves_f32[place / GN_REF_NODE_WIDTH],
+                      place % GN_REF_NODE_WIDTH, flight->ray, world->axis);
     } else {
-        narrow = bvh->leaves_f32;
-        lane_corners(w, &vertex_error, bvh, (uint32_t)id, world->axis, narrow);
+        double w[3][3];
+        if (entered) {
+            double corners[3][3];
+            const struct gn_ref_primitive primitive = gn_ref_scene_primitive(scene, id);
+            gn_ref_triangle_place(scene, &primitive, corners, &out->error);
+            for (int v = 0; v < 3; v++)
+                for (int i = 0; i < 3; i++)
+                    w[v][i] = corners[v][world->axis[i]];
+        } else {
+            lane_corners(w, &out->error, bvh, place, world->axis, bvh->leaves_f32);
+        }
+        out->coarse = !entered && bvh->leaves_f32;
+        out->exact = out->error == 0;
+        for (int v = 0; v < 3; v++)
+            for (int i = 0; i < 3; i++) {
+                out->a[v][i] = w[v][i] - world->origin[i];
+                out->rest[v][i] = difference_rest(w[v][i], world->origin[i], out->a[v][i]);
+                out->exact &= out->rest[v][i] == 0;
+            }
     }
-    if (!(vertex_error < INFINITY)) {
+    out->most_rest = 0;
+    for (int v = 0; v < 3; v++)
+        for (int i = 0; i < 3; i++) {
+            out->most_rest = most_of(fabs(out->rest[v][i]), out->most_rest);
+            out->exact &= out->coarse || is_coarse(out->a[v][i]);
+        }
+}
+
+/* In the world. */
+static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *flight, const struct gn_ref_certified *call,
+                                uint64_t id)
+{
+    struct corners of;
+    double x[3], y[3], x_error[3], y_error[3], most_z = 0;
+    double dx = flight->direction[0], dy = flight->direction[1], dz = flight->direction[2];
+    corners_set(&of, flight, call, id);
+    if (!(of.error < INFINITY)) {
         *out = (struct sharp){.lane = {.error = INFINITY, .eps = INFINITY},
                               .sign = {SIGN_UNKNOWN, SIGN_UNKNOWN, SIGN_UNKNOWN}};
         return;
     }
-    for (int v = 0; v < 3; v++)
-        for (int i = 0; i < 3; i++) {
-            double a = w[v][i] - world->origin[i];
-            rest = most_of(fabs(difference_rest(w[v][i], world->origin[i], a)), rest);
-            w[v][i] = a;
-            if (!narrow)
-                exact &= is_coarse(a);
-        }
-    rest += vertex_error;
-    exact &= rest == 0;
-    double spread = 2 * flight->length * rest + 0x1p-900;
+    bool exact = of.exact;
+    double spread = 2 * flight->length * (of.error + 0x1p-50 * of.most_rest) + 0x1p-900;
     for (int v = 0; v < 3; v++) {
-        x[v] = cross_sharp(dz, w[v][0], dx, w[v][2], &x_error[v], &exact);
-        y[v] = cross_sharp(dz, w[v][1], dy, w[v][2], &y_error[v], &exact);
+        const double *a = of.a[v], *rest = of.rest[v];
+        x[v] = cross_sharp(dz, a[0], dx, a[2], dz * rest[0] - dx * rest[2], &x_error[v], &exact);
+        y[v] = cross_sharp(dz, a[1], dy, a[2], dz * rest[1] - dy * rest[2], &y_error[v], &exact);
         x_error[v] += spread;
         y_error[v] += spread;
-        out->lane.z[v] = w[v][2];
-        most_z = most_of(fabs(w[v][2]), most_z);
-        if (!narrow)
-            exact &= is_coarse(x[v]) && is_coarse(y[v]);
+        out->lane.z[v] = a[2];
+        most_z = most_of(fabs(a[2]), most_z);
+        exact &= of.coarse || (is_coarse(x[v]) && is_coarse(y[v]));
     }
     out->lane.error = 0;
     for (int i = 0; i < 3; i++) {
@@ -321,7 +387,7 @@ static inline void lane_sharpen(struct sharp *out, const struct gn_ref_flight *f
             out->sign[i] = value > error ? 1 : value < -error ? -1 : SIGN_UNKNOWN;
     }
     /* For lane_place(), which takes it for 8 u R at least. */
-    out->lane.eps = most_z * (8 * 0x1p-53) + rest;
+    out->lane.eps = most_z * (8 * 0x1p-53) + of.most_rest + of.error;
 }
 
 /* What the filter cannot decide; the last resort are the stages of certified.c. */
@@ -522,8 +588,6 @@ static inline void leaf_leave(struct gn_ref_certified *call, struct gn_ref_fligh
         leaf_leave_of(call, flight, frame, open, false);
 }
 
-typedef gn_ref_v4 v4;
-typedef gn_ref_m4 m4;
 typedef float v4_f32 __attribute__((vector_size(16)));
 typedef int32_t m4_32 __attribute__((vector_size(16)));
 
