@@ -33,13 +33,13 @@
  * all numbers of the slab test are as above with i = |d_k| / d', the smallest of which is `unit` = |d_k| / |d'_k|, g' being
  * +-2^-30 |d'_k| / |d_k| where g is smaller. Boxes have to be wider by e on every side:
  *     delta = (4 u R + 2 e) |i|.
- * R is only a bound and may be enlarged, so it is at least 2^-80 there, and so is R unit; where one of them is above
- * 2^90 (or anything is not a number) the f64 traversal takes the ray.
+ * R is only a bound and may be enlarged, so it is at least 2^-80; where R or R unit leaves the range above (or anything is not a
+ * number) the f64 traversal takes the ray. unit comes of three roundings.
  *
  * In both filters a sheared coordinate of the computed ray differs from the real one's by at most the origin's error,
  * 2 origin_error, and |v_z| times the slope's, 2 direction_error / |d'_k|: 2 e. It joins the 2^-49 R of the f32 filter as
  * 2.5 e, and in f64 eps is 8 u R + 4 e. That also covers A_z, which is wrong by u R + e, and that t |d'_k| is s over unit
- * but for t direction_error <= e and three roundings: the error of s grows by e + 3.1 u R to below 4.6 eps, of which 5 are
+ * but for t direction_error <= e and a few roundings: the error of s grows by e + 5.1 u R to below 4.9 eps, of which 5 are
  * used. Where this is not enough for a decision, corners are placed in the world, each with the bound of its
  * own error, and all goes on there.
  *

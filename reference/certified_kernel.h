@@ -600,20 +600,19 @@ static inline bool frame_set(struct gn_ref_frame *frame, const struct gn_ref_bvh
 {
     const m4 sign_bits = (m4){INT64_MIN, INT64_MIN, INT64_MIN, INT64_MIN};
     const double origin_error = ray->origin_error, direction_error = ray->direction_error;
-    v4 o, d;
-    memcpy(&o, ray->origin, sizeof o);
-    memcpy(&d, ray->direction, sizeof d);
+    const v4 o = ray->origin, d = ray->direction;
     const v4 p = o - (v4){bvh->centre[0], bvh->centre[1], bvh->centre[2], 0};
     const v4 size = GN_REF_V4_ABS(d), far = GN_REF_V4_ABS(p) + (v4){bvh->half[0], bvh->half[1], bvh->half[2], 0};
     int z = size[1] > size[0] ? 1 : 0;
     z = size[2] > size[z] ? 2 : z;
     int x = z == 2 ? 0 : z + 1, y = z == 0 ? 2 : z - 1;
     double depth = d[z], own_length = size[z], inverse_depth = 1 / depth;
-    double unit = length == 0 ? 1 : length / own_length;
+    double unit = length == 0 ? 1 : length * fabs(inverse_depth);
     double reach = most_of(far[0], most_of(far[1], far[2])) * (1 + 0x1p-40);
-    reach = most_of(most_of(reach, GN_REF_LEAST_REACH), GN_REF_LEAST_REACH / unit);
-    double spread = (origin_error + reach * (direction_error / own_length)) * (1 + 0x1p-20);
-    if (!(reach <= GN_REF_MOST_REACH && reach * unit <= GN_REF_MOST_REACH && spread <= reach))
+    reach = most_of(reach, GN_REF_LEAST_REACH);
+    double spread = (origin_error + reach * (direction_error * fabs(inverse_depth))) * (1 + 0x1p-20);
+    if (!(reach <= GN_REF_MOST_REACH && reach * unit <= GN_REF_MOST_REACH && reach * unit >= GN_REF_LEAST_REACH &&
+          spread <= reach))
         return false;
     /* Components below 2^-30 of the largest count as that, so that nothing divides by 0. */
     const double least = own_length * 0x1p-30, world_length = length == 0 ? own_length : length;
@@ -675,19 +674,19 @@ static inline bool frame_set(struct gn_ref_frame *frame, const struct gn_ref_bvh
 }
 
 /* In the world nothing is wrong with it. */
-static inline struct gn_ref_local_ray world_ray(const struct gn_ref_ray *ray)
+static inline void world_ray_set(struct gn_ref_local_ray *out, const struct gn_ref_ray *ray)
 {
-    return (struct gn_ref_local_ray){
-        .origin = {ray->origin[0], ray->origin[1], ray->origin[2]},
-        .direction = {ray->direction[0], ray->direction[1], ray->direction[2]},
-    };
+    out->origin = (v4){ray->origin[0], ray->origin[1], ray->origin[2], 0};
+    out->direction = (v4){ray->direction[0], ray->direction[1], ray->direction[2], 0};
+    out->origin_error = out->direction_error = 0;
 }
 
 bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
 {
     struct gn_ref_frame *world = &flight->frames[0];
     const struct gn_ref_bvh *bvh = gn_ref_scene_root(scene);
-    const struct gn_ref_local_ray here = world_ray(ray);
+    struct gn_ref_local_ray here;
+    world_ray_set(&here, ray);
     if (!frame_set(world, bvh, &here, 0))
         return false;
     world->turn = 1;
@@ -729,7 +728,7 @@ static inline bool flight_enter(struct gn_ref_certified *call, struct gn_ref_fli
         if (call->counts)
             gn_ref_effect_ran(GN_REF_EFFECT_INSTANCE_TRANSFORMS, 1);
     } else {
-        ray = world_ray(flight->ray);
+        world_ray_set(&ray, flight->ray);
     }
     frame->turn = placed ? scene->instance_data[instance].determinant_sign : 1;
     if (!frame_set(frame, gn_ref_scene_tree(scene, instance), &ray, placed ? flight->length : 0)) {

@@ -367,46 +367,37 @@ void gn_ref_environment_leave(const struct gn_ref_environment *environment);
  * A ray in an instance's object space: every component of origin and direction is wrong by at most the error (scene.c,
  * inverse_set(), with a margin for what is rounded here).
  */
-struct gn_ref_local_ray {
-    double origin[4], direction[4]; /* the last ones are 0 */
-    double origin_error, direction_error;
-};
-
-/* Three components at once, and one that is not used. (Macros: what passes vectors depends on the instruction set.) */
+/* (Nothing passes or gives vectors by value: how that is done depends on the instruction set.) */
 typedef double gn_ref_v4 __attribute__((vector_size(32)));
 typedef int64_t gn_ref_m4 __attribute__((vector_size(32)));
 #define GN_REF_V4_ALL(a) ((gn_ref_v4){a, a, a, a})
 #define GN_REF_V4_ABS(a) ((gn_ref_v4)((gn_ref_m4)(a) & INT64_MAX))
-
-static inline double gn_ref_most_of_3(const double a[4])
-{
-    double most = a[0] > a[1] ? a[0] : a[1];
-    return most > a[2] ? most : a[2];
-}
+struct gn_ref_local_ray {
+    gn_ref_v4 origin, direction; /* the last components are 0 */
+    double origin_error, direction_error;
+};
 
 static inline void gn_ref_local_ray_set(struct gn_ref_local_ray *out, const struct gn_ref_scene *scene, uint32_t instance,
                                          const struct gn_ref_ray *ray)
 {
     const struct gn_ref_instance_data *data = &scene->instance_data[instance];
     const float *m = scene->instances[instance].transform;
-    gn_ref_v4 origin = {0}, direction = {0}, origin_size = {0}, direction_size = {0};
-    double sizes[2][4];
+    gn_ref_v4 origin_size = {0}, direction_size = {0};
+    out->origin = out->direction = origin_size;
     for (int j = 0; j < 3; j++) {
         gn_ref_v4 column;
         memcpy(&column, data->inverse[j], sizeof column);
         double q = ray->origin[j] - (double)m[4 * j + 3], d = ray->direction[j];
         const gn_ref_v4 a = column * GN_REF_V4_ALL(q), b = column * GN_REF_V4_ALL(d);
-        origin += a;
-        direction += b;
+        out->origin += a;
+        out->direction += b;
         origin_size += GN_REF_V4_ABS(a);
         direction_size += GN_REF_V4_ABS(b);
     }
-    memcpy(out->origin, &origin, sizeof origin);
-    memcpy(out->direction, &direction, sizeof direction);
-    memcpy(sizes[0], &origin_size, sizeof origin_size);
-    memcpy(sizes[1], &direction_size, sizeof direction_size);
-    out->origin_error = 9.5 * 0x1p-53 * gn_ref_most_of_3(sizes[0]);
-    out->direction_error = 9.5 * 0x1p-53 * gn_ref_most_of_3(sizes[1]);
+    double origin_most = origin_size[0] > origin_size[1] ? origin_size[0] : origin_size[1];
+    double direction_most = direction_size[0] > direction_size[1] ? direction_size[0] : direction_size[1];
+    out->origin_error = 9.5 * 0x1p-53 * (origin_most > origin_size[2] ? origin_most : origin_size[2]);
+    out->direction_error = 9.5 * 0x1p-53 * (direction_most > direction_size[2] ? direction_most : direction_size[2]);
 }
 
 /* What is computed once per ray. */
