@@ -26,12 +26,9 @@ struct price {
 struct proposal {
     struct proposal *child[2]; /* NULL: a leaf */
     uint32_t primitive_count; /* of all below */
-    uint32_t ids[4]; /* of a leaf */
+    uint32_t ids[GN_REF_NODE_WIDTH]; /* of a leaf */
     struct price *price; /* of a node, else NULL */
 };
-/* What a leaf of the proposal has at most. */
-enum { PROPOSAL_LEAF = 4 };
-
 static void *node_create(RTCThreadLocalAllocator allocator, unsigned child_count, void *user)
 {
     (void)user;
@@ -62,7 +59,7 @@ static void *leaf_create(RTCThreadLocalAllocator allocator, const struct RTCBuil
                          void *user)
 {
     (void)user;
-    struct proposal *leaf = count > PROPOSAL_LEAF ? NULL : rtcThreadLocalAlloc(allocator, sizeof *leaf, 16);
+    struct proposal *leaf = count > GN_REF_NODE_WIDTH ? NULL : rtcThreadLocalAlloc(allocator, sizeof *leaf, 16);
     if (leaf) {
         *leaf = (struct proposal){.primitive_count = (uint32_t)count};
         for (size_t i = 0; i < count; i++)
@@ -573,7 +570,7 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
         fail(&builder, "out of memory before the tree over %u primitives is built", count);
         goto out;
     }
-    const uint32_t most_in_leaf = input->instances ? 1 : PROPOSAL_LEAF;
+    const uint32_t most_in_leaf = input->instances ? 1 : GN_REF_NODE_WIDTH;
     for (uint32_t i = 0; i < count && count <= most_in_leaf; i++)
         few.ids[i] = i;
     for (uint32_t i = 0; i < count && count > most_in_leaf; i++) {

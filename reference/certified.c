@@ -81,6 +81,9 @@ static const struct kernel *kernel_choose(void)
 static void take(const struct gn_ref_certified *call, struct gn_ref_flight *flight,
                  const struct gn_ref_candidate *candidate)
 {
+    const struct gn_ref_bvh *tree = gn_ref_scene_tree(call->scene, gn_ref_id_instance(candidate->id));
+    if (tree->leaves_f32)
+        __builtin_prefetch(tree->leaves_f32[(uint32_t)candidate->id / GN_REF_NODE_WIDTH].geometry);
     flight->best = *candidate;
     if (call->any) {
         flight->depth = 0;
@@ -349,7 +352,7 @@ static void call_begin(struct gn_ref_certified *call, const struct gn_ref_scene 
 {
     call->scene = scene;
     call->start = kernel->start;
-    call->fits_cache = gn_ref_scene_bytes(scene) <= FITS_CACHE_BYTES;
+    call->fits_cache = scene->bytes <= FITS_CACHE_BYTES;
     call->forced = gn_ref_effects_forced();
     call->counts = gn_ref_effects_counting();
     call->any = false;
@@ -456,7 +459,7 @@ static void trace_many(const struct gn_ref_scene *scene, const struct gn_ref_ray
     call.hits = out_hits;
     call.stride = stride;
     call.found = out_found;
-    if (kernel->run && !call.counts && (gn_ref_scene_bytes(scene) > FLY_BYTES || atomic_load(&fly_always))) {
+    if (kernel->run && !call.counts && (scene->bytes > FLY_BYTES || atomic_load(&fly_always))) {
         kernel->run(&call, NULL);
     } else {
         struct gn_ref_flight flight;

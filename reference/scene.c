@@ -684,6 +684,9 @@ static bool triangles_build(struct commit *commit)
     bool in_world = lone && (!lone->shared || !gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
                                                                      !lone->matrix.identity, 0));
     done = live == 0 || in_world || instances_build(commit, live);
+    scene->bytes = gn_ref_bvh_bytes(&scene->instance_bvh) + scene->instance_count * sizeof *scene->instance_data;
+    for (uint32_t t = 0; t < scene->tree_count; t++)
+        scene->bytes += gn_ref_bvh_bytes(&scene->trees[t]);
 out:
     free(of_blas);
     return done;
@@ -799,14 +802,6 @@ bool gn_ref_scene_commit(struct gn_ref_scene *scene)
     gn_ref_exact_finish(&commit.exact);
     gn_ref_environment_leave(&environment);
     return done;
-}
-
-uint64_t gn_ref_scene_bytes(const struct gn_ref_scene *scene)
-{
-    uint64_t bytes = gn_ref_bvh_bytes(&scene->instance_bvh) + scene->instance_count * sizeof *scene->instance_data;
-    for (uint32_t t = 0; t < scene->tree_count; t++)
-        bytes += gn_ref_bvh_bytes(&scene->trees[t]);
-    return bytes;
 }
 
 uint32_t gn_ref_scene_instance_count(const struct gn_ref_scene *scene)

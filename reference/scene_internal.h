@@ -169,6 +169,7 @@ struct gn_ref_scene {
     bool layered; /* there is an instance_bvh */
     uint32_t lone_instance; /* whose tree is the root otherwise; GN_REF_NONE: no triangles at all */
     uint64_t triangle_count; /* of all instances */
+    uint64_t bytes; /* of these trees and what is kept of instances */
     uint32_t box_count; /* too */
     struct gn_ref_primitive *boxes;
     struct gn_ref_bvh box_bvh;
@@ -281,8 +282,6 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
                       size_t error_size);
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh);
 uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh);
-/* All that is traced triangles by: trees and what is kept of instances. */
-uint64_t gn_ref_scene_bytes(const struct gn_ref_scene *scene);
 /* A triangle in the world, rounded in f64: its corners and the largest distance of a coordinate from the exact one. */
 void gn_ref_triangle_place(const struct gn_ref_scene *scene, const struct gn_ref_primitive *primitive, double out[3][3],
                            double *out_error);

@@ -171,7 +171,7 @@ static void measure(const struct subject *subject, int count, struct totals *tot
     RTCDevice device = rtcNewDevice("threads=1");
     rtcSetDeviceMemoryMonitorFunction(device, embree_memory, NULL);
     RTCScene mesh, embree = embree_scene(device, &made, &mesh);
-    uint64_t bytes = gn_ref_scene_bytes(scene);
+    uint64_t bytes = scene->bytes;
     double triangles = (double)scene->triangle_count;
     printf("%s, %.0f triangles in %.2f s; bytes per triangle %.1f, Embree %.1f\n", subject->name, triangles, built,
            (double)bytes / triangles, (double)embree_bytes / triangles);
