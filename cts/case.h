@@ -180,6 +180,11 @@ struct gn_case_run {
 void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width);
 
+/* The same, but the answers are judged as if these other rays had been traced: as many, each for its own. */
+void gn_case_trace_as(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                      const struct gn_cts_ray *rays, const struct gn_cts_ray *judged, uint32_t ray_count,
+                      uint32_t width);
+
 /*
  * The first half of gn_case_trace(): the answers alone, in memory of the arena. False when there are none: the run
  * then knows why, or only another trace of it is asked for.

@@ -79,6 +79,7 @@ struct gn_built_info {
     uint64_t tlas_bytes;
     uint64_t scratch_bytes;
     double build_seconds;
+    uint32_t foreign_heads; /* structures whose serialized data did not begin with the driver's UUID */
 };
 struct gn_built_info gn_built_scene_info(const struct gn_built_scene *built);
 

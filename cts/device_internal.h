@@ -85,6 +85,9 @@ struct gn_program {
     VkPipeline pipeline;
 };
 
+/* Compute shaders: those of the programs, and others that answer for the committed hit. */
+enum { GN_KERNEL_PAIR = GN_CTS_PROGRAM_COUNT, GN_KERNEL_BY_ADDRESS, GN_KERNEL_COUNT };
+
 struct gn_pipelines; /* of ray tracing; cts/device_pipeline.c */
 struct gn_drawing; /* ray queries where something is drawn; cts/device_draw.c */
 
@@ -125,7 +128,7 @@ struct gn_device {
     VkDescriptorPool descriptor_pool;
     VkDescriptorSet descriptors;
     VkPipelineLayout pipeline_layout;
-    struct gn_program programs[GN_CTS_PROGRAM_COUNT];
+    struct gn_program programs[GN_KERNEL_COUNT];
     struct gn_trace_buffers trace;
     struct gn_pipelines *pipelines; /* NULL until they are needed */
     struct gn_drawing *drawing; /* likewise */
@@ -199,6 +202,7 @@ struct gn_structure {
     VkDeviceSize queried_size;
     uint64_t queried_handles; /* of serialized data; with maintenance1 */
     bool compacted;
+    bool foreign_head; /* serialized data did not begin with the driver's UUID */
 };
 
 /* Whether these commands run on the host. */
@@ -263,10 +267,21 @@ struct gn_trace_constants {
     uint32_t record_offset, record_stride, miss_index;
     uint32_t depth;
     uint32_t width, height; /* of the launch; whoever launches sets them */
-    uint32_t traps, opaque_boxes;
-    uint32_t any_hit; /* what any-hit shaders do besides, a sum of these: */
-#define GN_TRACE_ANY_HIT_REFUSES 1u
-#define GN_TRACE_ANY_HIT_ENDS 2u
+    uint32_t ways; /* a sum of enum gn_trace_way */
+    uint64_t scene_address;
+};
+
+/* The bits of `ways` in cts/shaders/answer.glsl. */
+enum gn_trace_way {
+    GN_WAY_TRAPS = 1,
+    GN_WAY_OPAQUE_BOXES = 2,
+    GN_WAY_FROM_CANDIDATE = 4,
+    GN_WAY_TERMINATE = 8,
+    GN_WAY_WIDE = 16,
+    GN_WAY_REPORTS = 32,
+    GN_WAY_COUNTED = 64,
+    GN_WAY_ANY_HIT_REFUSES = 128,
+    GN_WAY_ANY_HIT_ENDS = 256,
 };
 
 /* The layouts that all shaders of traces share. */

@@ -12,6 +12,7 @@
 #include "cts/device_internal.h"
 #include "cts/table.h"
 
+#include "positions_rahit.spv.h"
 #include "positions_rchit.spv.h"
 #include "query_rchit.spv.h"
 #include "query_rgen.spv.h"
@@ -32,7 +33,7 @@
 #define CALLABLE_RECORDS 3
 
 /* Payload and attributes in bytes, as the shaders declare them: libraries have to be told. */
-#define PAYLOAD_BYTES 56
+#define PAYLOAD_BYTES 60
 #define ATTRIBUTE_BYTES 8
 
 /* A hit table up to this size is emptied before its first use; a larger one is mostly never touched. */
@@ -55,7 +56,7 @@ struct kind_traits {
 };
 static const struct kind_traits kinds[KIND_COUNT] = {
     [PLAIN] = {CODE(trace_rgen), CODE(trace_rmiss), CODE(trace_rchit), CODE(trace_rahit), CODE(trace_rint), {0}, false},
-    [POSITIONS] = {CODE(trace_rgen), CODE(trace_rmiss), CODE(positions_rchit), CODE(trace_rahit), CODE(trace_rint),
+    [POSITIONS] = {CODE(trace_rgen), CODE(trace_rmiss), CODE(positions_rchit), CODE(positions_rahit), CODE(trace_rint),
                    {0}, false},
     [RECURSIVE] = {CODE(trace_rgen), CODE(trace_rmiss), CODE(trace_rchit), CODE(trace_rahit), CODE(trace_rint), {0},
                    true},
@@ -311,16 +312,28 @@ static enum gn_device_status pipeline_create(struct gn_device *device, enum kind
     if (status != GN_DEVICE_OK) {
         return status;
     }
-    uint8_t *handles = calloc(GROUP_COUNT, limits->shaderGroupHandleSize);
+    uint8_t *handles = calloc(GROUP_COUNT + 1, limits->shaderGroupHandleSize);
     if (!handles) {
         return gn_device_fail(device, GN_DEVICE_FAILED, "no host memory for shader group handles");
     }
     pipeline->group_handles = handles;
-    return gn_device_check(device,
-                           device->GetRayTracingShaderGroupHandlesKHR(
-                               device->handle, pipeline->handle, 0, group_count,
-                               (size_t)group_count * limits->shaderGroupHandleSize, handles),
-                           "vkGetRayTracingShaderGroupHandlesKHR");
+    const size_t size = limits->shaderGroupHandleSize;
+    status = gn_device_check(device,
+                             device->GetRayTracingShaderGroupHandlesKHR(device->handle, pipeline->handle, 0, group_count,
+                                                                        group_count * size, handles),
+                             "vkGetRayTracingShaderGroupHandlesKHR");
+    /* One by one they have to be the same. */
+    for (uint32_t g = 0; g < group_count && status == GN_DEVICE_OK; g++) {
+        uint8_t *one = handles + GROUP_COUNT * size;
+        status = gn_device_check(
+            device, device->GetRayTracingShaderGroupHandlesKHR(device->handle, pipeline->handle, g, 1, size, one),
+            "vkGetRayTracingShaderGroupHandlesKHR");
+        if (status == GN_DEVICE_OK && memcmp(one, handles + g * size, size) != 0) {
+            status = gn_device_fail(device, GN_DEVICE_FAILED,
+                                    "the handle of shader group %u alone is another than among all %u", g, group_count);
+        }
+    }
+    return status;
 }
 
 /* Tables */

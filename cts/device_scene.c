@@ -595,6 +595,7 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
     /* Instances refer to where the structures ended up after their steps. */
     for (uint32_t i = 0; i < built->blas_count; i++) {
         built->info.blas_bytes += built->blases[i].size;
+        built->info.foreign_heads += built->blases[i].foreign_head;
         built->info.blas_bytes_before_compaction += built->blases[i].size_before_compaction;
     }
     if ((status = tlas_write(built)) != GN_DEVICE_OK) {
@@ -609,6 +610,7 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
         goto fail;
     }
     built->info.tlas_bytes = built->tlas.size;
+    built->info.foreign_heads += built->tlas.foreign_head;
     built->info.scratch_bytes = built->scratch.bytes;
     built->info.build_seconds = gn_seconds_now() - begin;
     gn_pool_poison(&built->initial);

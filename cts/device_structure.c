@@ -15,6 +15,9 @@
 /* VkAccelerationStructureCreateInfoKHR::offset must be a multiple of it; so must addresses of serialized data. */
 #define STRUCTURE_ALIGNMENT 256
 
+/* Queries are not the first of their pool. */
+#define FIRST_QUERY 3
+
 /* Bytes behind serialized data that nothing may touch. */
 #define GUARD_BYTES 256
 
@@ -440,48 +443,52 @@ static enum gn_device_status numbers_ask(const struct steps_run *run, bool (*wan
     const VkQueryPoolCreateInfo pool_info = {
         .sType = VK_STRUCTURE_TYPE_QUERY_POOL_CREATE_INFO,
         .queryType = type,
-        .queryCount = run->count,
+        .queryCount = FIRST_QUERY + run->count,
     };
+    VkAccelerationStructureKHR *handles = calloc(run->count, sizeof *handles);
+    if (!handles) {
+        return gn_device_fail(device, GN_DEVICE_FAILED, "no host memory for %u handles", run->count);
+    }
+    uint32_t count = 0;
+    for (uint32_t i = 0; i < run->count; i++) {
+        if (wanted(step_of(&run->structures[i], run->step))) {
+            handles[count++] = run->structures[i].handle;
+        }
+    }
     VkResult result = host ? VK_SUCCESS : vkCreateQueryPool(device->handle, &pool_info, NULL, &queries);
     if ((status = gn_device_check(device, result, "vkCreateQueryPool")) != GN_DEVICE_OK) {
-        return status;
+        goto done;
     }
     if (!host) {
         if ((status = gn_device_begin(device)) != GN_DEVICE_OK) {
             goto done;
         }
-        vkCmdResetQueryPool(device->commands, queries, 0, run->count);
+        vkCmdResetQueryPool(device->commands, queries, 0, FIRST_QUERY + run->count);
         gn_device_barrier(device);
-        for (uint32_t i = 0; i < run->count; i++) {
-            if (wanted(step_of(&run->structures[i], run->step))) {
-                device->CmdWriteAccelerationStructuresPropertiesKHR(device->commands, 1, &run->structures[i].handle,
-                                                                    type, queries, i);
-            }
-        }
+        device->CmdWriteAccelerationStructuresPropertiesKHR(device->commands, count, handles, type, queries,
+                                                            FIRST_QUERY);
         if ((status = gn_device_submit(device)) != GN_DEVICE_OK) {
             goto done;
         }
     }
-    for (uint32_t i = 0; i < run->count && status == GN_DEVICE_OK; i++) {
-        struct gn_structure *structure = &run->structures[i];
-        if (!wanted(step_of(structure, run->step))) {
-            continue;
+    /* All at once; then each goes to its structure, from the last on, because there are no more than structures. */
+    const VkDeviceSize bytes = count * sizeof *out_numbers;
+    if (host) {
+        result = device->WriteAccelerationStructuresPropertiesKHR(device->handle, count, handles, type, bytes,
+                                                                  out_numbers, sizeof *out_numbers);
+        status = gn_device_check(device, result, "vkWriteAccelerationStructuresPropertiesKHR");
+    } else {
+        result = vkGetQueryPoolResults(device->handle, queries, FIRST_QUERY, count, bytes, out_numbers,
+                                       sizeof *out_numbers, VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT);
+        status = gn_device_check(device, result, "vkGetQueryPoolResults");
+    }
+    for (uint32_t i = run->count; status == GN_DEVICE_OK && i-- > 0;) {
+        if (wanted(step_of(&run->structures[i], run->step))) {
+            out_numbers[i] = out_numbers[--count];
         }
-        uint64_t number = 0;
-        if (host) {
-            VkDeviceSize size = 0;
-            result = device->WriteAccelerationStructuresPropertiesKHR(device->handle, 1, &structure->handle, type,
-                                                                      sizeof size, &size, sizeof size);
-            number = size;
-            status = gn_device_check(device, result, "vkWriteAccelerationStructuresPropertiesKHR");
-        } else {
-            result = vkGetQueryPoolResults(device->handle, queries, i, 1, sizeof number, &number, sizeof number,
-                                           VK_QUERY_RESULT_64_BIT | VK_QUERY_RESULT_WAIT_BIT);
-            status = gn_device_check(device, result, "vkGetQueryPoolResults");
-        }
-        out_numbers[i] = number;
     }
 done:
+    free(handles);
     if (!device->lost) {
         vkDestroyQueryPool(device->handle, queries, NULL);
     }
@@ -617,11 +624,32 @@ static uint64_t handle_at(const struct gn_structure *structure, uint64_t number)
     return handle;
 }
 
+/* Data that name neither this driver nor this version are not taken for its own. */
+static enum gn_device_status strangers_check(struct gn_device *device, const uint8_t *bytes)
+{
+    uint8_t other[2 * VK_UUID_SIZE];
+    for (size_t i = 0; i < sizeof other; i++) {
+        other[i] = bytes[i] ^ 0xA5;
+    }
+    const VkAccelerationStructureVersionInfoKHR version = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_VERSION_INFO_KHR,
+        .pVersionData = other,
+    };
+    VkAccelerationStructureCompatibilityKHR compatibility = VK_ACCELERATION_STRUCTURE_COMPATIBILITY_COMPATIBLE_KHR;
+    device->GetDeviceAccelerationStructureCompatibilityKHR(device->handle, &version, &compatibility);
+    if (compatibility != VK_ACCELERATION_STRUCTURE_COMPATIBILITY_INCOMPATIBLE_KHR) {
+        return gn_device_fail(device, GN_DEVICE_FAILED,
+                              "the device says that serialized data of an unknown driver are compatible with it");
+    }
+    return GN_DEVICE_OK;
+}
+
 /* Whether the head of serialized data says what the specification wants it to say. */
-static enum gn_device_status serialized_check(const struct steps_run *run, const struct gn_structure *structure,
+static enum gn_device_status serialized_check(const struct steps_run *run, struct gn_structure *structure,
                                               struct serialized_head *out_head)
 {
     struct gn_device *device = run->device;
+    enum gn_device_status status = GN_DEVICE_OK;
     const uint8_t *bytes = structure->serialized.mapped;
     const VkAccelerationStructureVersionInfoKHR version = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_VERSION_INFO_KHR,
@@ -634,6 +662,10 @@ static enum gn_device_status serialized_check(const struct steps_run *run, const
                               "the device says that a structure it has just serialized is not compatible with it");
     }
     memcpy(out_head, bytes, sizeof *out_head);
+    structure->foreign_head = memcmp(out_head->driver_uuid, device->info.driver_uuid, VK_UUID_SIZE) != 0;
+    if ((status = strangers_check(device, bytes)) != GN_DEVICE_OK) {
+        return status;
+    }
     const uint64_t room = (structure->queried_size - sizeof *out_head) / sizeof(uint64_t);
     const bool bottom = structure->type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
     if (out_head->serialized_size != structure->queried_size || out_head->deserialized_size == 0 ||

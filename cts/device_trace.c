@@ -5,9 +5,11 @@
 
 #include "cts/device_internal.h"
 
+#include "address_comp.spv.h"
 #include "candidates_comp.spv.h"
 #include "committed_comp.spv.h"
 #include "detail_comp.spv.h"
+#include "pair_comp.spv.h"
 #include "positions_comp.spv.h"
 
 #define GROUP_SIZE 64
@@ -41,11 +43,13 @@ struct program_traits {
     size_t extra_bytes; /* per ray, beside the committed hit */
 };
 
-static const struct program_traits programs[GN_CTS_PROGRAM_COUNT] = {
+static const struct program_traits programs[GN_KERNEL_COUNT] = {
     [GN_CTS_COMMITTED] = {committed_comp_spv, sizeof committed_comp_spv, 1u << 18, 0},
     [GN_CTS_CANDIDATES] = {candidates_comp_spv, sizeof candidates_comp_spv, 1u << 14, sizeof(struct gn_cts_candidates)},
     [GN_CTS_DETAIL] = {detail_comp_spv, sizeof detail_comp_spv, 1u << 16, sizeof(struct gn_cts_detail)},
     [GN_CTS_POSITIONS] = {positions_comp_spv, sizeof positions_comp_spv, 1u << 18, sizeof(float[9])},
+    [GN_KERNEL_PAIR] = {pair_comp_spv, sizeof pair_comp_spv, 1u << 18, 0},
+    [GN_KERNEL_BY_ADDRESS] = {address_comp_spv, sizeof address_comp_spv, 1u << 18, 0},
 };
 
 const char *gn_answer_fault(uint32_t kind)
@@ -63,6 +67,8 @@ const char *gn_answer_fault(uint32_t kind)
         [12] = "a candidate was presented after the ray had been ended: by TerminateOnFirstHit and a committed hit, or by an "
                "any-hit shader",
         [13] = "a ray query went on after it had been terminated",
+        [14] = "tmax reads back differently in the miss shader",
+        [15] = "the payload does not hold what the any-hit shaders have counted",
     };
     if (kind <= GN_REF_ANSWER_GENERATED) {
         return NULL;
@@ -152,7 +158,18 @@ enum gn_device_status gn_trace_layouts_create(struct gn_device *device)
                            "vkCreatePipelineLayout");
 }
 
-static enum gn_device_status program_create(struct gn_device *device, enum gn_cts_program number)
+/* Which compute shader this is; GN_KERNEL_COUNT: none. */
+static uint32_t kernel_of(const struct gn_cts_route *route, enum gn_cts_program program)
+{
+    switch (route->entry) {
+    case GN_CTS_QUERY: return program;
+    case GN_CTS_QUERY_IN_PAIRS: return GN_KERNEL_PAIR;
+    case GN_CTS_QUERY_BY_ADDRESS: return GN_KERNEL_BY_ADDRESS;
+    default: return GN_KERNEL_COUNT;
+    }
+}
+
+static enum gn_device_status program_create(struct gn_device *device, uint32_t number)
 {
     struct gn_program *program = &device->programs[number];
     if (program->pipeline) {
@@ -273,13 +290,14 @@ void gn_trace_bind(struct gn_device *device, VkPipelineBindPoint point, VkPipeli
     vkCmdPushConstants(device->commands, device->pipeline_layout, stages(device), 0, sizeof *constants, constants);
 }
 
-static enum gn_device_status compute_chunk(struct gn_device *device, const struct gn_trace_constants *constants)
+static enum gn_device_status compute_chunk(struct gn_device *device, uint32_t kernel,
+                                           const struct gn_trace_constants *constants)
 {
     enum gn_device_status status = gn_device_begin(device);
     if (status != GN_DEVICE_OK) {
         return status;
     }
-    gn_trace_bind(device, VK_PIPELINE_BIND_POINT_COMPUTE, device->programs[constants->program].pipeline, constants);
+    gn_trace_bind(device, VK_PIPELINE_BIND_POINT_COMPUTE, device->programs[kernel].pipeline, constants);
     vkCmdDispatch(device->commands, (constants->ray_count + GROUP_SIZE - 1) / GROUP_SIZE, 1, 1);
     return gn_device_submit(device);
 }
@@ -303,7 +321,9 @@ static enum gn_device_status route_prepare(struct gn_built_scene *built, const s
     }
     switch (route->entry) {
     case GN_CTS_QUERY:
-        return program_create(device, program);
+    case GN_CTS_QUERY_IN_PAIRS:
+    case GN_CTS_QUERY_BY_ADDRESS:
+        return program_create(device, kernel_of(route, program));
     case GN_CTS_QUERY_IN_VERTEX:
     case GN_CTS_QUERY_IN_FRAGMENT:
         return gn_drawing_prepare(device, route->entry);
@@ -317,7 +337,9 @@ static enum gn_device_status chunk_trace(struct gn_device *device, const struct 
 {
     switch (route->entry) {
     case GN_CTS_QUERY:
-        return compute_chunk(device, constants);
+    case GN_CTS_QUERY_IN_PAIRS:
+    case GN_CTS_QUERY_BY_ADDRESS:
+        return compute_chunk(device, kernel_of(route, (enum gn_cts_program)constants->program), constants);
     case GN_CTS_QUERY_IN_VERTEX:
     case GN_CTS_QUERY_IN_FRAGMENT:
         return gn_drawing_chunk(device, route->entry, constants);
@@ -375,10 +397,13 @@ enum gn_device_status gn_scene_trace(struct gn_built_scene *built, const struct 
             .record_stride = route->record_stride,
             .miss_index = route->miss_index,
             .depth = route->depth,
-            .traps = route->traps,
-            .opaque_boxes = route->opaque_boxes,
-            .any_hit = (route->any_hit_refuses ? GN_TRACE_ANY_HIT_REFUSES : 0) |
-                       (route->any_hit_ends ? GN_TRACE_ANY_HIT_ENDS : 0),
+            .ways = (route->traps ? GN_WAY_TRAPS : 0u) | (route->opaque_boxes ? GN_WAY_OPAQUE_BOXES : 0u) |
+                    (route->from_candidate ? GN_WAY_FROM_CANDIDATE : 0u) |
+                    (route->terminate ? GN_WAY_TERMINATE : 0u) | (route->wide ? GN_WAY_WIDE : 0u) |
+                    (route->reports ? GN_WAY_REPORTS : 0u) | (route->counted ? GN_WAY_COUNTED : 0u) |
+                    (route->any_hit_refuses ? GN_WAY_ANY_HIT_REFUSES : 0u) |
+                    (route->any_hit_ends ? GN_WAY_ANY_HIT_ENDS : 0u),
+            .scene_address = built->tlas.address,
         };
         rays_write(device->trace.rays.mapped, rays + first, count);
         memset(device->trace.committed.mapped, 0xFF, count * sizeof *committed);
@@ -401,7 +426,7 @@ void gn_trace_finish(struct gn_device *device)
     gn_pool_finish(device, &device->trace.pool);
     gn_drawing_finish(device);
     gn_pipelines_finish(device);
-    for (size_t i = 0; i < GN_CTS_PROGRAM_COUNT; i++) {
+    for (size_t i = 0; i < GN_KERNEL_COUNT; i++) {
         vkDestroyPipeline(device->handle, device->programs[i].pipeline, NULL);
         vkDestroyShaderModule(device->handle, device->programs[i].module, NULL);
     }

@@ -538,6 +538,13 @@ static bool trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enu
 void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
                    const struct gn_cts_ray *rays, uint32_t ray_count, uint32_t width)
 {
+    gn_case_trace_as(run, scene, program, rays, rays, ray_count, width);
+}
+
+void gn_case_trace_as(struct gn_case_run *run, const struct gn_cts_scene *scene, enum gn_cts_program program,
+                      const struct gn_cts_ray *rays, const struct gn_cts_ray *judged, uint32_t ray_count,
+                      uint32_t width)
+{
     struct gn_cts_answers answers = {0};
     struct gn_arena arena = {0};
     uint32_t first, end;
@@ -547,7 +554,7 @@ void gn_case_trace(struct gn_case_run *run, const struct gn_cts_scene *scene, en
     }
     if (trace_selected(run, ray_count, &first, &end) && (scene = scene_for(run, scene, &arena)) != NULL &&
         trace(run, scene, program, rays + first, end - first, &arena, &answers))
-        judge_rays(run, scene, program, rays, ray_count, first, end, width, &answers);
+        judge_rays(run, scene, program, judged, ray_count, first, end, width, &answers);
     run->trace_count++;
     gn_arena_finish(&arena);
 }

@@ -129,7 +129,9 @@ enum gn_cts_program {
 enum gn_cts_entry {
     GN_CTS_QUERY, /* a ray query in a compute shader */
     GN_CTS_PIPELINE, /* a ray tracing pipeline: miss, closest-hit, any-hit and intersection shaders answer */
-    /* Ray queries elsewhere, for the committed hit only. */
+    /* Ray queries elsewhere or otherwise, for the committed hit only. */
+    GN_CTS_QUERY_IN_PAIRS, /* two queries at a time, in turns */
+    GN_CTS_QUERY_BY_ADDRESS, /* of the structure at an address, rather than of a descriptor's */
     GN_CTS_QUERY_IN_VERTEX,
     GN_CTS_QUERY_IN_FRAGMENT,
     GN_CTS_QUERY_IN_RAYGEN,
@@ -158,6 +160,13 @@ struct gn_cts_route {
     bool opaque_boxes;
     bool any_hit_refuses; /* boxes that the policy does not want are reported, and ignored by the any-hit shader */
     bool any_hit_ends; /* TerminateOnFirstHit is left to the any-hit shader, which ends the ray: of rays with NoOpaque */
+    bool terminate; /* the first candidate that is confirmed or generated ends the ray */
+    /* What DETAIL and POSITIONS ask is asked of the candidate that is confirmed: by any-hit and intersection shaders.
+     * Rays have to end at their first hit. */
+    bool from_candidate;
+    bool wide; /* bits of OpTraceRay's operands that do not count are set */
+    bool reports; /* intersection shaders report a hit farther away, too */
+    bool counted; /* CANDIDATES without boxes: any-hit shaders count in the payload */
     bool deferred; /* the pipeline is created by a deferred operation */
     bool callable; /* a callable shader writes the answer */
     enum gn_cts_linking linking;

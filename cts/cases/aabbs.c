@@ -309,10 +309,8 @@ static void opaque(struct gn_case_run *run, const struct gn_case *self)
                               : params->ray_flags & GN_REF_RAY_NO_OPAQUE ? GN_REF_RAY_SKIP_AABBS
                                                                          : GN_REF_RAY_CULL_NO_OPAQUE;
     }
-    struct gn_cts_answers answers;
     run->route.opaque_boxes = true;
-    if (gn_case_answers(run, &scene, GN_CTS_COMMITTED, rays, count, arena, &answers))
-        gn_case_judge(run, &scene, GN_CTS_COMMITTED, judged, count, 0, &answers);
+    gn_case_trace_as(run, &scene, GN_CTS_COMMITTED, rays, judged, count, 0);
 }
 
 #define OPACITY(label, geometry, instance, ray)                                                              \

@@ -17,6 +17,13 @@
     "they were presented (Vulkan: Ray Closest Hit Determination; SPV_KHR_ray_query: "                        \
     "OpRayQueryConfirmIntersectionKHR)"
 
+#define SPEC_TERMINATE                                                                                       \
+    "a shader may end a ray with the hit that it has (SPV_KHR_ray_query: OpRayQueryTerminateKHR; " \
+    "SPV_KHR_ray_tracing: OpTerminateRayKHR)"
+#define SPEC_PAYLOAD                                                                                         \
+    "what an any-hit shader writes to the payload stays, also where it ignores the intersection (SPV_KHR_ray_tracing: " \
+    "OpIgnoreIntersectionKHR)"
+
 enum shape { LAYERS, SOUP, NEEDLES, CLOSED };
 enum opacity { NOT_OPAQUE, ALTERNATING, BY_INSTANCE };
 enum confirm { NONE, EVERY, RANDOM, ONE_IN_32, ONE_IN_FOUR };
@@ -30,6 +37,8 @@ struct params {
     bool boxes;       /* a ladder among the layers */
     bool overlapping; /* two instances at the same place */
     bool short_range;
+    bool terminate; /* by the shader, once it has a hit */
+    bool counted;
 };
 
 enum { RUNGS = 10 };
@@ -126,7 +135,19 @@ static void candidates(struct gn_case_run *run, const struct gn_case *self)
             rays[i].ray.tmax = rays[i].ray.tmin + (float)gn_random_range(random, 0.5, RUNGS);
         }
     }
-    gn_case_trace(run, &scene, params->program, rays, count, 0);
+    run->route.counted = params->counted;
+    if (!params->terminate) {
+        gn_case_trace(run, &scene, params->program, rays, count, 0);
+        return;
+    }
+    /* A shader that ends the ray by its first hit is as the flag that does. */
+    struct gn_cts_ray *judged = GN_NEW(arena, struct gn_cts_ray, count);
+    for (uint32_t i = 0; i < count; i++) {
+        judged[i] = rays[i];
+        judged[i].ray.flags |= GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
+    }
+    run->route.terminate = true;
+    gn_case_trace_as(run, &scene, params->program, rays, judged, count, 0);
 }
 
 #define CASE(label, spec, ...)                                                                               \
@@ -157,6 +178,11 @@ static const struct gn_case cases[] = {
     CASE("confirm.soup", SPEC_CONFIRM, .shape = SOUP, .confirm = RANDOM),
     CASE("confirm.needles", SPEC_CONFIRM, .shape = NEEDLES, .opacity = ALTERNATING, .confirm = RANDOM),
     CASE("confirm.closed", SPEC_CONFIRM, .shape = CLOSED, .confirm = RANDOM),
+    CASE("terminate.layers", SPEC_TERMINATE, .shape = LAYERS, .confirm = RANDOM, .terminate = true),
+    CASE("terminate.soup", SPEC_TERMINATE, .shape = SOUP, .confirm = ONE_IN_FOUR, .terminate = true),
+    CASE("terminate.boxes", SPEC_TERMINATE, .shape = LAYERS, .confirm = ONE_IN_FOUR, .boxes = true, .terminate = true),
+    CASE("counted.layers", SPEC_PAYLOAD, LISTED, .shape = LAYERS, .counted = true),
+    CASE("counted.needles", SPEC_PAYLOAD, LISTED, .shape = NEEDLES, .counted = true),
     CASE("confirm.overlapping_instances", SPEC_CONFIRM, .shape = LAYERS, .opacity = BY_INSTANCE,
          .confirm = RANDOM, .overlapping = true),
 };

@@ -127,6 +127,26 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
+/* The first thing in serialized data, so that whoever stores them knows whose they are. */
+static void head(struct gn_case_run *run, const struct gn_case *self)
+{
+    (void)self;
+    struct gn_mesh mesh = gn_mesh_octahedron(&run->arena, 1);
+    struct gn_cts_geometry geometry = gn_geometry_of_mesh(&mesh);
+    struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1, .steps = {SERIALIZE}};
+    struct gn_cts_instance instance = gn_instance_of(0, NULL);
+    struct gn_cts_scene scene = gn_scene_make(&blas, 1, &instance, 1);
+    scene.tlas_steps[0] = SERIALIZE;
+    struct gn_built_scene *built = NULL;
+    const enum gn_device_status status = gn_scene_build(run->device, &scene, &built);
+    if (gn_case_check(run, status == GN_DEVICE_OK, "%s", gn_device_message(run->device))) {
+        const uint32_t foreign = gn_built_scene_info(built).foreign_heads;
+        gn_case_check(run, foreign == 0, "%u of 2 structures begin with another UUID than the driverUUID, serialized",
+                      foreign);
+    }
+    gn_built_scene_destroy(built);
+}
+
 #define CASE(label, spec, ...)                                                                               \
     {                                                                                                        \
         "copy." label, spec, copy, &(const struct params){__VA_ARGS__}, 0                                    \
@@ -149,6 +169,8 @@ static const struct gn_case cases[] = {
     CASE("serialize.tlas", SPEC_SERIALIZE, .tlas_steps = {SERIALIZE}),
     CASE("serialize.both", SPEC_SERIALIZE, .steps = {SERIALIZE}, .tlas_steps = {SERIALIZE}),
     CASE("serialize.boxes", SPEC_SERIALIZE, .steps = {SERIALIZE}, .boxes = true),
+    {"copy.head", "serialized data begin with the driverUUID (Vulkan: vkCmdCopyAccelerationStructureToMemoryKHR)", head, NULL,
+     0},
     CASE("over.clone", SPEC_OVER, .steps = {GN_CTS_STEP_CLONE_OVER}, .tlas_steps = {GN_CTS_STEP_CLONE_OVER}),
     CASE("over.clone_boxes", SPEC_OVER, .steps = {GN_CTS_STEP_CLONE_OVER}, .boxes = true),
     CASE("over.serialize", SPEC_OVER, .steps = {GN_CTS_STEP_SERIALIZE_OVER},

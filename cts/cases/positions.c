@@ -25,6 +25,7 @@ struct params {
     bool transforms;
     bool mirrored;
     bool not_opaque;
+    bool from_candidate;
     uint32_t geometries; /* 0: one */
     uint32_t first_vertex, vertex_offset, primitive_offset, stride;
     VkBuildAccelerationStructureFlagsKHR flags;
@@ -80,6 +81,9 @@ static void positions(struct gn_case_run *run, const struct gn_case *self)
     uint32_t count = gn_ray_count(run, 12288);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2, true, rays, count);
+    run->route.from_candidate = params->from_candidate;
+    for (uint32_t i = 0; i < count && params->from_candidate; i++)
+        rays[i].ray.flags |= GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
     gn_case_trace(run, &scene, GN_CTS_POSITIONS, rays, count, 0);
 }
 
@@ -91,6 +95,9 @@ static const struct gn_case cases[] = {
     CASE("plain", SPEC, .flags = 0),
     CASE("without_indices", SPEC, .none = true),
     CASE("not_opaque", SPEC, .not_opaque = true),
+    CASE("candidate", SPEC, .not_opaque = true, .from_candidate = true),
+    CASE("candidate_mirrored", SPEC_TRANSFORM, .not_opaque = true, .from_candidate = true, .transforms = true,
+         .mirrored = true),
     CASE("several_geometries", SPEC, .geometries = 7),
     CASE("offsets", SPEC, .vertex_offset = 20, .primitive_offset = 24, .stride = 28),
     CASE("transforms", SPEC_TRANSFORM, .transforms = true),

@@ -38,6 +38,12 @@
     "vkCmdTraceRaysIndirect2KHR)"
 #define SPEC_SIZE "LaunchId and LaunchSize are those of the trace, in all three dimensions (Vulkan: vkCmdTraceRaysKHR; " \
                   "built-ins LaunchIdKHR, LaunchSizeKHR)"
+#define SPEC_WIDE                                                                                            \
+    "of the SBT offset and stride only the 4 lowest bits count, of the miss index the 16 lowest (SPV_KHR_ray_tracing: " \
+    "OpTraceRayKHR)"
+#define SPEC_REPORT                                                                                          \
+    "of several reports the nearest counts, and each says whether it was accepted (SPV_KHR_ray_tracing: " \
+    "OpReportIntersectionKHR)"
 #define SPEC_SKIP "with SkipClosestHitShader a hit runs no closest-hit shader, and a miss its miss shader (SPIR-V: Ray Flags)"
 
 #define ALL_DEPTH UINT32_MAX /* as deep as the device goes */
@@ -192,6 +198,10 @@ static const struct gn_case cases[] = {
     PADDED("odd", 5),
     PADDED("wide", 61),
     PADDED("widest", ALL_STRIDE),
+    CASE("records.wide_operands", SPEC_WIDE, .route = {.record_stride = 3, .record_offset = 2, .miss_index = 5, .wide = true},
+         .content = GN_SAMPLE_MIXED),
+    CASE("reports.boxes", SPEC_REPORT, .route = {.record_stride = 1, .reports = true}, .content = GN_SAMPLE_BOXES),
+    CASE("reports.mixed", SPEC_REPORT, .route = {.record_stride = 1, .reports = true}, .content = GN_SAMPLE_MIXED),
     MISS("0", 0),
     MISS("1", 1),
     MISS("7", 7),

@@ -16,6 +16,7 @@ struct transforms {
     uint32_t interior, random; /* rays */
     bool not_opaque;
     bool varied; /* rays with flags and a tmin of their own */
+    bool from_candidate;
 };
 
 /* Any flag, alone or with others that go with it; a tmin. What a query says of them has to be what it was given. */
@@ -57,8 +58,34 @@ static void transforms(struct gn_case_run *run, const struct gn_case *self)
                       r < interior ? GN_AIM_INTERIOR : GN_AIM_RANDOM, what->distance ? what->distance : 4, g, &rays[r], 1);
         if (what->varied)
             vary(&run->random, &rays[r]);
+        if (what->from_candidate)
+            rays[r].ray.flags |= GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
     }
+    run->route.from_candidate = what->from_candidate;
     gn_case_trace(run, &scene, what->program, rays, interior + random, 0);
+}
+
+/* Boxes, of which the first that a hit is generated on is asked; an intersection shader is asked before it reports. */
+static void boxes(struct gn_case_run *run, const struct gn_case *self)
+{
+    enum { RUNGS = 16, INSTANCES = 3 };
+    const float(*ladder)[6] = gn_ladder_make(&run->arena, &run->random, RUNGS, 0.5);
+    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS, .aabbs = ladder, .aabb_count = RUNGS};
+    struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1};
+    struct gn_cts_instance instances[INSTANCES];
+    /* Only the last is on the rays' way; moved by a power of two, it is asked about itself and not about the first. */
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        instances[i] = gn_instance_of(0, NULL);
+        gn_instance_place(&instances[i], 64.0 * (INSTANCES - 1 - i), 0, 0);
+    }
+    struct gn_cts_scene scene = gn_scene_make(&blas, 1, instances, INSTANCES);
+    const uint32_t count = gn_ray_count(run, 4096);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    gn_ladder_rays(&run->random, ladder, RUNGS, true, rays, count);
+    for (uint32_t i = 0; i < count; i++)
+        rays[i].ray.flags = GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
+    run->route.from_candidate = true;
+    gn_case_trace(run, &scene, (enum gn_cts_program)self->value, rays, count, 0);
 }
 
 #define RANDOM(...) {.kind = GN_TRANSFORM_RANDOM, __VA_ARGS__}
@@ -141,11 +168,20 @@ static const struct transforms detail_both = {
     .geometry = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 1),
     .instance = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1, .translation = 5), .count = 10, .interior = 12000,
     .random = 2000, .program = GN_CTS_DETAIL};
+static const struct transforms candidate_general = {
+    .instance = GENERAL(.min_scale = 0.25, .max_scale = 4, .shear = 1, .translation = 4), .count = 30, .interior = 8000,
+    .random = 1000, .program = GN_CTS_DETAIL, .not_opaque = true, .from_candidate = true};
+static const struct transforms candidate_mirrored = {
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2, .translation = 2, .mirrored = true), .count = 8,
+    .interior = 8000, .random = 1000, .program = GN_CTS_DETAIL, .not_opaque = true, .from_candidate = true};
 
 static const struct transforms detail_varied = {
     .instance = RANDOM(.min_scale = 0.5, .max_scale = 2), .count = 8, .interior = 8000, .program = GN_CTS_DETAIL,
     .varied = true};
 
+#define CANDIDATE                                                                                            \
+    "a candidate tells its matrices and its ray, to queries as to any-hit shaders (SPV_KHR_ray_query: getters of the " \
+    "candidate intersection; Vulkan: ObjectToWorldKHR and others)"
 #define INSTANCE "an instance is met where its transform places it (VkAccelerationStructureInstanceKHR; ray traversal)"
 #define GEOMETRY "a geometry's transform is applied when it is built (VkAccelerationStructureGeometryTrianglesDataKHR)"
 #define BOTH "the geometry's transform comes first, then the instance's (acceleration structures; ray traversal)"
@@ -185,5 +221,8 @@ static const struct gn_case cases[] = {
     {"transforms.detail.mirrored", DETAIL, transforms, &detail_mirrored, 0},
     {"transforms.detail.stretched", DETAIL, transforms, &detail_stretched, 0},
     {"transforms.detail.both", DETAIL, transforms, &detail_both, 0},
+    {"transforms.candidate.general", CANDIDATE, transforms, &candidate_general, 0},
+    {"transforms.candidate.mirrored", CANDIDATE, transforms, &candidate_mirrored, 0},
+    {"transforms.candidate.boxes", CANDIDATE, boxes, NULL, GN_CTS_DETAIL},
 };
 const struct gn_case_family gn_family_transforms = {"transforms", cases, sizeof cases / sizeof cases[0]};

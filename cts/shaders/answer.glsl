@@ -9,7 +9,7 @@
 /* Beyond GENERATED nothing was hit, but something went wrong: gn_answer_fault() in cts/device_trace.c has the words. */
 const uint NOTHING = 0, TRIANGLE = 1, GENERATED = 2, UNFINISHED = 3, UNTOUCHED = 4, CONTRADICTED = 5, ATTRIBUTE = 6,
            HIT_KIND = 7, MISS_RECORD = 8, RAYGEN_RECORD = 9, RETURNED = 10, LAUNCH = 11,
-           WENT_ON = 12, NOT_ENDED = 13;
+           WENT_ON = 12, NOT_ENDED = 13, TMAX = 14, PAYLOAD = 15;
 
 const uint MAX_CANDIDATES = 64;
 
@@ -60,10 +60,17 @@ layout(push_constant) uniform Constants {
     uint record_offset, record_stride, miss_index;
     uint depth;
     uint width, height; /* of the launch */
-    uint traps; /* whether intersection shaders write attributes for hits that they cannot have */
-    uint opaque_boxes; /* whether hits are generated on opaque boxes only */
-    uint any_hit; /* what any-hit shaders do besides: GN_TRACE_ANY_HIT_... in cts/device_internal.h */
+    uint ways; /* a sum of those below */
+    uvec2 scene_address;
 };
+/* struct gn_cts_route has them as names; enum gn_trace_way in cts/device_internal.h has the numbers. */
+const uint TRAPS = 1, OPAQUE_BOXES = 2, FROM_CANDIDATE = 4, TERMINATE = 8, WIDE = 16, REPORTS = 32, COUNTED = 64,
+           ANY_HIT_REFUSES = 128, ANY_HIT_ENDS = 256;
+
+bool way(uint which)
+{
+    return (ways & which) != 0;
+}
 
 Answer answer_nothing()
 {

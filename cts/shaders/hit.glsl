@@ -1,23 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The closest-hit shader: says what was hit and, as the program asks, more. */
 #include "candidate.glsl"
-#include "detail.glsl"
+#include "detail_hit.glsl"
 #include "recursion.glsl"
 
 hitAttributeEXT vec2 left_behind;
 
 #ifdef FETCH_POSITIONS
-layout(set = 0, binding = 3, std430) writeonly buffer Positions { Vertices positions[]; };
-
-void positions_write(uint index, bool triangle)
-{
-    for (uint vertex = 0; vertex < 3; vertex++) {
-        for (uint axis = 0; axis < 3; axis++) {
-            positions[index].values[vertex * 3 + axis] =
-                triangle ? gl_HitTriangleVertexPositionsEXT[vertex][axis] : 0.0;
-        }
-    }
-}
+#include "positions.glsl"
 #endif
 
 void main()
@@ -41,18 +31,13 @@ void main()
                                                                                              : GENERATED;
     }
     payload.answer = answer;
-    if (program == DETAIL) {
-        detail_ray(index);
-        for (uint row = 0; row < 3; row++) {
-            for (uint column = 0; column < 4; column++) {
-                details[index].world_from_object[row * 4 + column] = gl_ObjectToWorldEXT[column][row];
-                details[index].object_from_world[row * 4 + column] = gl_WorldToObjectEXT[column][row];
-            }
-            details[index].object_origin[row] = gl_ObjectRayOriginEXT[row];
-            details[index].object_direction[row] = gl_ObjectRayDirectionEXT[row];
-        }
+    /* An any-hit or intersection shader may have done it already. */
+    if (program == DETAIL && !way(FROM_CANDIDATE)) {
+        detail_hit(index);
     }
 #ifdef FETCH_POSITIONS
-    positions_write(index, triangle);
+    if (!way(FROM_CANDIDATE)) {
+        positions_write(index, triangle);
+    }
 #endif
 }

@@ -11,9 +11,6 @@ const uint TERMINATE_ON_FIRST_HIT = 4, SKIP_CLOSEST_HIT = 8;
 /* Values of `program`. */
 const uint COMMITTED = 0, CANDIDATES = 1, DETAIL = 2, POSITIONS = 3;
 
-/* Bits of `any_hit`. */
-const uint ANY_HIT_REFUSES = 1, ANY_HIT_ENDS = 2;
-
 /* Chosen where the pipeline is made, so that the plain ones do not pay for it. */
 layout(constant_id = 0) const bool recursive = false;
 layout(constant_id = 1) const bool through_callable = false;
@@ -23,6 +20,7 @@ struct Payload {
     uint miss_record; /* what the miss shader found in its record */
     uint level, returned; /* of recursion: how deep, and how many came back */
     uint ended; /* how often an any-hit shader has ended the ray */
+    uint any_hits; /* how often the any-hit shader has run */
 };
 
 /* Which ray this invocation is about. */
@@ -40,6 +38,7 @@ Payload payload_new()
     payload.level = 0;
     payload.returned = 0;
     payload.ended = 0;
+    payload.any_hits = 0;
     return payload;
 }
 

@@ -11,7 +11,9 @@ layout(primitive_culling);
 /* A driver that never says that it is done must not hang the device. */
 const uint MAX_STEPS = 1u << 20;
 
+#ifndef QUERY_DECLARED
 rayQueryEXT query;
+#endif
 
 /* Only what is defined for the kind of hit is asked for. */
 Answer answer_committed()
@@ -60,26 +62,30 @@ Answer answer_candidate()
     return answer;
 }
 
+#ifndef SCENE
+#define SCENE scene
+#endif
 void query_begin(Ray ray)
 {
-    rayQueryInitializeEXT(query, scene, ray.flags, ray.cull_mask, vec3(ray.origin_x, ray.origin_y, ray.origin_z),
+    rayQueryInitializeEXT(query, SCENE, ray.flags, ray.cull_mask, vec3(ray.origin_x, ray.origin_y, ray.origin_z),
                           ray.tmin, vec3(ray.direction_x, ray.direction_y, ray.direction_z), ray.tmax);
 }
 
-/* Decides about the candidate at hand as the ray's policy says. */
-void candidate_decide(Ray ray)
+/* Decides about the candidate at hand as the ray's policy says; whether it is a hit now. */
+bool candidate_decide(Ray ray)
 {
     const uint primitive = rayQueryGetIntersectionPrimitiveIndexEXT(query, false);
     const uint bit = 1u << (primitive & 31u);
     if (rayQueryGetIntersectionTypeEXT(query, false) == gl_RayQueryCandidateIntersectionTriangleEXT) {
         if ((ray.confirm_mask & bit) != 0) {
             rayQueryConfirmIntersectionEXT(query);
+            return true;
         }
-        return;
+        return false;
     }
     if ((ray.generate_mask & bit) == 0 ||
-        (opaque_boxes != 0 && !rayQueryGetIntersectionCandidateAABBOpaqueEXT(query))) {
-        return;
+        (way(OPAQUE_BOXES) && !rayQueryGetIntersectionCandidateAABBOpaqueEXT(query))) {
+        return false;
     }
     float closest = ray.tmax;
     if (rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionNoneEXT) {
@@ -89,8 +95,16 @@ void candidate_decide(Ray ray)
     /* Outside this range the result of generating a hit is undefined. */
     if (t >= ray.tmin && t <= closest) {
         rayQueryGenerateIntersectionEXT(query, t);
+        return true;
     }
+    return false;
 }
+
+/* What is asked of a candidate is kept if it becomes a hit; the last one that does is the one that is committed. */
+#ifndef CANDIDATE_ASK
+#define CANDIDATE_ASK()
+#define CANDIDATE_KEEP()
+#endif
 
 /* What went wrong, or NOTHING. */
 uint query_run(Ray ray)
@@ -103,7 +117,13 @@ uint query_run(Ray ray)
             rayQueryGetIntersectionTypeEXT(query, true) != gl_RayQueryCommittedIntersectionNoneEXT) {
             return WENT_ON;
         }
-        candidate_decide(ray);
+        CANDIDATE_ASK();
+        if (candidate_decide(ray)) {
+            CANDIDATE_KEEP();
+            if (way(TERMINATE)) {
+                rayQueryTerminateEXT(query);
+            }
+        }
     }
     return UNFINISHED;
 }

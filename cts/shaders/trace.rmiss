@@ -15,6 +15,9 @@ void main()
         return;
     }
     payload.answer = answer_nothing();
+    if (gl_RayTmaxEXT != rays[index].tmax) {
+        payload.answer.kind = TMAX;
+    }
     payload.miss_record = record_index;
     if (program == DETAIL) {
         detail_ray(index);
