@@ -14,6 +14,17 @@
 /* Space between instances that are reached through pointers: more than they take. */
 #define POINTED_INSTANCE_BYTES 80
 
+/* Whether the structures stay where they are in all their steps. */
+static bool steps_stay(const uint8_t *steps)
+{
+    for (uint32_t i = 0; i < GN_CTS_MAX_STEPS && steps[i] != GN_CTS_STEP_END; i++) {
+        if (steps[i] != GN_CTS_STEP_REFIT && steps[i] != GN_CTS_STEP_REFIT_BACK && steps[i] != GN_CTS_STEP_REBUILD) {
+            return false;
+        }
+    }
+    return true;
+}
+
 static enum gn_device_status invalid(struct gn_built_scene *built, const char *what, uint32_t blas, uint32_t geometry,
                                      uint64_t value)
 {
@@ -103,9 +114,9 @@ static enum gn_device_status layout_find(struct gn_built_scene *built, const str
                           geometry->position_count > 65536;
         out->index_type = wide ? VK_INDEX_TYPE_UINT32 : VK_INDEX_TYPE_UINT16;
         out->index_bytes = wide ? 4 : 2;
-        if (geometry->primitive_offset % out->index_bytes) {
-            return invalid(built, "the primitive offset has to be a multiple of the index", blas, number,
-                           geometry->primitive_offset);
+        if (geometry->primitive_offset % out->index_bytes || geometry->data_offset % out->index_bytes) {
+            return invalid(built, "the offsets of indices have to be multiples of the index", blas, number,
+                           geometry->primitive_offset | geometry->data_offset);
         }
     }
     const uint64_t last = geometry->first_vertex + out->vertex_count;
@@ -148,13 +159,14 @@ static enum gn_device_status indices_write(struct gn_built_scene *built, const s
     struct gn_memory memory;
     const uint64_t count = (uint64_t)geometry->triangle_count * 3;
     const enum gn_device_status status =
-        input_take(built, &built->inputs, geometry->primitive_offset, count, layout->index_bytes, 0, &memory);
+        input_take(built, &built->inputs, (uint64_t)geometry->data_offset + geometry->primitive_offset, count,
+                   layout->index_bytes, 0, &memory);
     if (status != GN_DEVICE_OK) {
         return status;
     }
     /* Degenerate triangles come first: an offset that is not minded gives wrong hits rather than wild reads. */
-    memset(memory.mapped, 0, geometry->primitive_offset);
-    uint8_t *out = memory.mapped + geometry->primitive_offset;
+    memset(memory.mapped, 0, geometry->data_offset + geometry->primitive_offset);
+    uint8_t *out = memory.mapped + geometry->data_offset + geometry->primitive_offset;
     if (layout->index_bytes == 4) {
         memcpy(out, geometry->triangles, count * 4);
     } else {
@@ -163,7 +175,7 @@ static enum gn_device_status indices_write(struct gn_built_scene *built, const s
             memcpy(out + i * 2, &index, 2);
         }
     }
-    *out_address = address_of(&memory, built->scene->blas_builds);
+    *out_address = address_of(&memory, built->scene->blas_builds) + geometry->data_offset;
     return GN_DEVICE_OK;
 }
 
@@ -259,14 +271,16 @@ static enum gn_device_status aabb_data_write(struct gn_built_scene *built, struc
 {
     struct gn_memory memory;
     const enum gn_device_status status =
-        input_take(built, pool, geometry->primitive_offset, geometry->aabb_count, stride, AABB_BYTES, &memory);
+        input_take(built, pool, (uint64_t)geometry->data_offset + geometry->primitive_offset, geometry->aabb_count,
+                   stride, AABB_BYTES, &memory);
     if (status != GN_DEVICE_OK) {
         return status;
     }
+    uint8_t *out = memory.mapped + geometry->data_offset + geometry->primitive_offset;
     for (uint32_t i = 0; i < geometry->aabb_count; i++) {
-        memcpy(memory.mapped + geometry->primitive_offset + (size_t)i * stride, aabbs[i], AABB_BYTES);
+        memcpy(out + (size_t)i * stride, aabbs[i], AABB_BYTES);
     }
-    *out_address = address_of(&memory, built->scene->blas_builds);
+    *out_address = address_of(&memory, built->scene->blas_builds) + geometry->data_offset;
     return GN_DEVICE_OK;
 }
 
@@ -278,9 +292,9 @@ static enum gn_device_status aabbs_write(struct gn_built_scene *built, const str
     if (stride % 8 || stride < AABB_BYTES) {
         return invalid(built, "the AABB stride has to be a multiple of 8 of at least 24", blas, number, stride);
     }
-    if (geometry->primitive_offset % 8) {
-        return invalid(built, "the primitive offset of AABBs has to be a multiple of 8", blas, number,
-                       geometry->primitive_offset);
+    if (geometry->primitive_offset % 8 || geometry->data_offset % 8) {
+        return invalid(built, "the offsets of AABBs have to be multiples of 8", blas, number,
+                       geometry->primitive_offset | geometry->data_offset);
     }
     VkAccelerationStructureGeometryAabbsDataKHR aabbs = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_AABBS_DATA_KHR,
@@ -355,6 +369,10 @@ static enum gn_device_status blas_write(struct gn_built_scene *built, uint32_t n
         return status;
     }
     const uint32_t count = blas->geometry_count;
+    if (built->scene->late_steps && !steps_stay(blas->steps)) {
+        return gn_device_fail(device, GN_DEVICE_FAILED,
+                              "the scene is not valid: BLAS %u moves after the TLAS was built", number);
+    }
     const bool two_inputs = gn_steps_take_both(blas->steps);
     uint32_t *primitive_counts = GN_NEW(&built->arena, uint32_t, count);
     structure->type = VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
@@ -580,6 +598,7 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
         .builds = scene->blas_builds,
         .copies = scene->copies,
         .separate_builds = scene->separate_builds,
+        .only_first = scene->late_steps,
     };
 
     for (uint32_t i = 0; i < scene->blas_count; i++) {
@@ -592,22 +611,33 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
     if (status != GN_DEVICE_OK) {
         goto fail;
     }
-    /* Instances refer to where the structures ended up after their steps. */
+    if ((status = tlas_write(built)) != GN_DEVICE_OK) {
+        goto fail;
+    }
+    struct gn_structures_plan tlas_plan = plan;
+    tlas_plan.builds = scene->tlas_builds;
+    tlas_plan.separate_builds = true;
+    tlas_plan.blases = built->blases;
+    tlas_plan.blas_count = built->blas_count;
+    status = gn_structures_build(device, &tlas_plan, &built->tlas, 1);
+    if (status != GN_DEVICE_OK) {
+        goto fail;
+    }
+    if (scene->late_steps) {
+        plan.only_first = tlas_plan.only_first = false;
+        plan.only_steps = tlas_plan.only_steps = true;
+        status = gn_structures_build(device, &plan, built->blases, built->blas_count);
+        if (status == GN_DEVICE_OK) {
+            status = gn_structures_build(device, &tlas_plan, &built->tlas, 1);
+        }
+        if (status != GN_DEVICE_OK) {
+            goto fail;
+        }
+    }
     for (uint32_t i = 0; i < built->blas_count; i++) {
         built->info.blas_bytes += built->blases[i].size;
         built->info.foreign_heads += built->blases[i].foreign_head;
         built->info.blas_bytes_before_compaction += built->blases[i].size_before_compaction;
-    }
-    if ((status = tlas_write(built)) != GN_DEVICE_OK) {
-        goto fail;
-    }
-    plan.builds = scene->tlas_builds;
-    plan.separate_builds = true;
-    plan.blases = built->blases;
-    plan.blas_count = built->blas_count;
-    status = gn_structures_build(device, &plan, &built->tlas, 1);
-    if (status != GN_DEVICE_OK) {
-        goto fail;
     }
     built->info.tlas_bytes = built->tlas.size;
     built->info.foreign_heads += built->tlas.foreign_head;

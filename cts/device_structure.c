@@ -837,8 +837,8 @@ enum gn_device_status gn_structures_build(struct gn_device *device, const struct
     if (count == 0) {
         return GN_DEVICE_OK;
     }
-    enum gn_device_status status = first_build(&run);
-    if (status != GN_DEVICE_OK) {
+    enum gn_device_status status = plan->only_steps ? GN_DEVICE_OK : first_build(&run);
+    if (status != GN_DEVICE_OK || plan->only_first) {
         return status;
     }
     bool again = false; /* whether the initial data will be read once more */

@@ -61,6 +61,7 @@ struct gn_cts_geometry {
     bool index_none; /* no index buffer: the triangles' corners are written out one after another */
     VkIndexType index_type; /* VK_INDEX_TYPE_UINT16 (the zero value) is taken only if it fits, else UINT32 */
     bool index_uint32; /* asks for UINT32 where UINT16 would fit */
+    uint32_t data_offset; /* bytes of garbage before the indices (a multiple of the index) or boxes (of 8) */
     const float *transform; /* 12 floats or NULL: the geometry transform */
     uint32_t transform_offset; /* bytes of garbage before it; a multiple of 16 */
 
@@ -112,6 +113,9 @@ struct gn_cts_scene {
     bool tlas_generic;
     bool array_of_pointers;
     uint32_t instance_offset; /* primitiveOffset of the TLAS build in bytes, a multiple of 16 */
+    /* The BLASes take their steps once the TLAS is built, and the TLAS takes its own after: theirs must leave them where
+     * they are, and one of its own must read them again. */
+    bool late_steps;
     bool separate_builds; /* one vkCmdBuild call per BLAS rather than one for all */
     enum gn_cts_commands blas_builds, tlas_builds, copies; /* updates are builds, size queries copies */
 };

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-/* Builds and copies by other commands than those of a command buffer: indirect, on the host, deferred; and mixtures. */
+/* Builds and copies by other commands than those of a command buffer: indirect, on the host, deferred; mixtures; batches. */
 #include <string.h>
 
 #include "cts/sample.h"
@@ -15,6 +15,10 @@
     "Host Operations)"
 #define SPEC_MIXED                                                                                           \
     "host and device operations are interchangeable (Vulkan: Host Acceleration Structure Operations)"
+
+#define SPEC_BATCH                                                                                           \
+    "one call builds any number of structures, one call asks for any number of sizes (Vulkan: " \
+    "vkCmdBuildAccelerationStructuresKHR, vkCmdWriteAccelerationStructuresPropertiesKHR)"
 
 #define UPDATE VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR
 #define COMPACTION VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR
@@ -77,6 +81,43 @@ static void offsets(struct gn_case_run *run, const struct gn_case *self)
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
+/* Many small structures in one call, each unlike the others, each with an instance of its own in a grid. */
+enum { BATCH = 300, ROW = 20 };
+
+static void batch(struct gn_case_run *run, const struct gn_case *self)
+{
+    const struct params *params = self->params;
+    struct gn_arena *arena = &run->arena;
+    struct gn_cts_blas *blases = GN_NEW(arena, struct gn_cts_blas, BATCH);
+    struct gn_cts_instance *instances = GN_NEW(arena, struct gn_cts_instance, BATCH);
+    for (uint32_t b = 0; b < BATCH; b++) {
+        struct gn_cts_geometry *geometry = GN_NEW(arena, struct gn_cts_geometry, 1);
+        struct gn_mesh mesh = gn_mesh_fan(arena, &run->random, 3 + b % 29, 0.5);
+        *geometry = gn_geometry_of_mesh(&mesh);
+        geometry->flags = b % 3 ? VK_GEOMETRY_OPAQUE_BIT_KHR : 0;
+        geometry->index_none = b % 2;
+        geometry->initial_positions = gn_mesh_moved(arena, &run->random, &mesh, 0.3);
+        blases[b] = (struct gn_cts_blas){.geometries = geometry, .geometry_count = 1, .build_flags = params->sample.flags};
+        for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
+            blases[b].steps[s] = params->sample.steps[s];
+        instances[b] = gn_instance_of(b, NULL);
+        gn_instance_place(&instances[b], 2.5 * (b % ROW), 2.5 * (b / ROW), 0);
+        instances[b].custom_index = 1000 + b;
+    }
+    struct gn_cts_scene scene = gn_scene_make(blases, BATCH, instances, BATCH);
+    commands_take(params, &scene);
+    const uint32_t count = gn_ray_count(run, 6000);
+    struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
+    gn_rays_at_scene(run, &scene, 2, true, rays, count);
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
+#define BATCHED(label, way, copied, bits, ...)                                                               \
+    {                                                                                                        \
+        "builds.batch." label, SPEC_BATCH, batch,                                                            \
+            &(const struct params){.sample = {.flags = bits, .steps = {__VA_ARGS__}}, .blas_builds = way, .copies = copied}, \
+            0                                                                                                \
+    }
 #define CASE(label, spec, blas, tlas, copied, kind, bits, list, ...)                                         \
     {                                                                                                        \
         "builds." label, spec, builds,                                                                       \
@@ -123,6 +164,12 @@ static const struct gn_case cases[] = {
     WAY("indirect", SPEC_INDIRECT, GN_CTS_INDIRECT, GN_CTS_ON_DEVICE),
     WAY("host", SPEC_HOST, GN_CTS_ON_HOST, GN_CTS_ON_HOST),
     WAY("deferred", SPEC_DEFERRED, GN_CTS_DEFERRED, GN_CTS_DEFERRED),
+    BATCHED("built", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, 0, 0),
+    BATCHED("compact", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, COMPACTION, GN_CTS_STEP_COMPACT),
+    BATCHED("serialize", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, 0, GN_CTS_STEP_SERIALIZE),
+    BATCHED("refit", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, UPDATE, GN_CTS_STEP_REFIT, GN_CTS_STEP_CLONE),
+    BATCHED("indirect", GN_CTS_INDIRECT, GN_CTS_ON_DEVICE, 0, 0),
+    BATCHED("host", GN_CTS_ON_HOST, GN_CTS_ON_HOST, COMPACTION, GN_CTS_STEP_COMPACT),
     MIXTURE("bottom_on_host", GN_CTS_ON_HOST, GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE),
     MIXTURE("top_on_host", GN_CTS_ON_DEVICE, GN_CTS_ON_HOST, GN_CTS_ON_DEVICE),
     MIXTURE("copies_on_host", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, GN_CTS_ON_HOST),

@@ -214,6 +214,38 @@ static void pointer_offset(struct gn_case_run *run, const struct gn_case *self)
     trace(run, &scene, UINT32_MAX, 4096);
 }
 
+/* Addresses of indices and boxes that are aligned to no more than they have to be; strides beyond 16 bits. */
+struct placed {
+    bool boxes, wide_indices;
+    uint32_t data_offset, stride;
+};
+
+static void placed(struct gn_case_run *run, const struct gn_case *self)
+{
+    enum { RUNGS = 12 };
+    const struct placed *params = self->params;
+    const float(*boxes)[6] = gn_ladder_make(&run->arena, &run->random, RUNGS, 0.5);
+    struct gn_mesh mesh = gn_mesh_blob(&run->arena, &run->random, 4, 6, 0.3);
+    struct gn_cts_geometry geometry = params->boxes
+                                          ? (struct gn_cts_geometry){.type = GN_REF_AABBS, .aabbs = boxes, .aabb_count = RUNGS}
+                                          : gn_geometry_of_mesh(&mesh);
+    geometry.data_offset = params->data_offset;
+    geometry.index_uint32 = params->wide_indices;
+    geometry.aabb_stride = params->boxes ? params->stride : 0;
+    geometry.vertex_stride = params->boxes ? 0 : params->stride;
+    if (!params->boxes) {
+        geometry.flags = OPAQUE;
+        struct gn_cts_scene scene = gn_scene_placed(run, &geometry, 1);
+        trace(run, &scene, UINT32_MAX, 2048);
+        return;
+    }
+    struct gn_cts_scene scene = gn_scene_of_geometry(&run->arena, &geometry);
+    const uint32_t count = gn_ray_count(run, 2048);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    gn_ladder_rays(&run->random, boxes, RUNGS, true, rays, count);
+    gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
+}
+
 /* What the device says of itself, against what is required of every implementation. */
 static void limits_required(struct gn_case_run *run, const struct gn_case *self)
 {
@@ -232,6 +264,9 @@ static void limits_required(struct gn_case_run *run, const struct gn_case *self)
 
 #define SPEC_LIMITS                                                                                          \
     "limits are at least (the scratch alignment at most) what is required (Vulkan: Limits, Required Limits)"
+#define SPEC_PLACED                                                                                          \
+    "indices lie at any multiple of their size, boxes at any of 8 bytes, strides have 32 bits (Vulkan: " \
+    "vkCmdBuildAccelerationStructuresKHR, pInfos-03712, pInfos-03714; VkAccelerationStructureGeometryTrianglesDataKHR)"
 #define SPEC_IDS "a primitive's id is its place in its geometry (Vulkan: PrimitiveId; Geometry)"
 #define SPEC_HALF                                                                                            \
     "vertices are the numbers that the format encodes, subnormal ones too (Vulkan: "                         \
@@ -251,6 +286,8 @@ static void limits_required(struct gn_case_run *run, const struct gn_case *self)
 #define AFTER(label, extra, ...)                                                                             \
     {.name = "planted.after_update." label, .spec = SPEC_AFTER, .run = after_update,                         \
      .params = &(const struct steps){extra, {__VA_ARGS__}}}
+#define PLACED(label, ...)                                                                                   \
+    {.name = "planted.placed." label, .spec = SPEC_PLACED, .run = placed, .params = &(const struct placed){__VA_ARGS__}}
 #define HALF(label, format)                                                                                  \
     {.name = "planted.subnormal." label, .spec = SPEC_HALF, .run = subnormal_halves, .value = format}
 #define SNORM(label, format)                                                                                 \
@@ -284,6 +321,12 @@ static const struct gn_case cases[] = {
     {.name = "planted.limits.primitives", .spec = SPEC_LIMITS, .run = limits_required, .value = 2},
     {.name = "planted.limits.scratch_alignment", .spec = SPEC_LIMITS, .run = limits_required, .value = 3},
     {.name = "planted.box_geometries", .spec = SPEC_IDS, .run = box_geometries},
+    PLACED("indices_2", .data_offset = 2),
+    PLACED("indices_6", .data_offset = 6),
+    PLACED("wide_indices_4", .data_offset = 4, .wide_indices = true),
+    PLACED("boxes_8", .data_offset = 8, .boxes = true),
+    PLACED("vertices_65540", .stride = 65540),
+    PLACED("boxes_65560", .stride = 65560, .boxes = true),
     {.name = "planted.pointers.16", .spec = SPEC_POINTERS, .run = pointer_offset, .value = 16},
     {.name = "planted.pointers.80", .spec = SPEC_POINTERS, .run = pointer_offset, .value = 80},
 };

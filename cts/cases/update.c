@@ -7,6 +7,9 @@
     "VkBuildAccelerationStructureModeKHR, VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR)"
 #define SPEC_BUILD                                                                                           \
     "a full build replaces what a structure held (Vulkan: VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR)"
+#define SPEC_LATE                                                                                            \
+    "a top level structure that is updated takes over what its bottom level structures have become (Vulkan: " \
+    "Acceleration Structure Update Rules)"
 #define SPEC_FLAGS                                                                                           \
     "build flags trade build time, trace time and memory; they change no result (Vulkan: "                   \
     "VkBuildAccelerationStructureFlagBitsKHR)"
@@ -25,6 +28,7 @@ struct params {
     uint8_t steps[GN_CTS_MAX_STEPS];
     VkBuildAccelerationStructureFlagsKHR tlas_flags;
     uint8_t tlas_steps[GN_CTS_MAX_STEPS];
+    bool late; /* the BLASes change when the TLAS has been built */
 };
 
 enum { MESHES = 3, RUNGS = 16, INSTANCES_COUNT = 12 };
@@ -109,6 +113,7 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
     scene.tlas_build_flags = params->tlas_flags;
     for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
         scene.tlas_steps[s] = params->tlas_steps[s];
+    scene.late_steps = params->late;
 
     uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
@@ -184,6 +189,17 @@ static const struct gn_case cases[] = {
          .tlas_steps = {GN_CTS_STEP_REFIT_COPY, GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_COPY}),
     CASE("everything", SPEC_UPDATE, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = UPDATE,
          .steps = {GN_CTS_STEP_REFIT}, .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT}),
+    CASE("late.refit", SPEC_LATE, .what = VERTICES | FAR, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT},
+         .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT}, .late = true),
+    CASE("late.refit_copy", SPEC_LATE, .what = VERTICES | TRANSFORMS, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT},
+         .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT_COPY}, .late = true),
+    CASE("late.rebuild", SPEC_LATE, .what = VERTICES | FAR, .steps = {GN_CTS_STEP_REBUILD}, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT}, .late = true),
+    CASE("late.tlas_rebuild", SPEC_LATE, .what = VERTICES | INSTANCES, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT},
+         .tlas_steps = {GN_CTS_STEP_REBUILD}, .late = true),
+    CASE("late.both_twice", SPEC_LATE, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = UPDATE,
+         .steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_BACK, GN_CTS_STEP_REFIT}, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_BACK, GN_CTS_STEP_REFIT}, .late = true),
     CASE("rebuild.blas", SPEC_BUILD, .what = VERTICES | TRANSFORMS, .steps = {GN_CTS_STEP_REBUILD}),
     CASE("rebuild.tlas", SPEC_BUILD, .what = INSTANCES, .tlas_steps = {GN_CTS_STEP_REBUILD}),
     CASE("rebuild.after_refit", SPEC_BUILD, .what = VERTICES | INSTANCES, .flags = UPDATE,
