@@ -30,6 +30,8 @@ struct gn_device_info {
     bool host_builds;
     bool indirect_builds;
     bool index_uint8;
+    /* Set once a command that was asked to be deferred has said neither that it was nor that it was not. */
+    bool unsaid_deferral;
     bool graphics, vertex_stores, fragment_stores; /* for ray queries where something is drawn */
     VkPhysicalDeviceAccelerationStructurePropertiesKHR limits; /* pNext is NULL */
     VkPhysicalDeviceRayTracingPipelinePropertiesKHR pipeline_limits; /* likewise; zero without pipelines */

@@ -84,8 +84,7 @@ static enum gn_device_status command_run(struct gn_device *device, bool deferred
     if (result == VK_OPERATION_DEFERRED_KHR) {
         status = join_all(device, operation, what);
     } else if (result == VK_SUCCESS) {
-        status = gn_device_fail(device, GN_DEVICE_FAILED,
-                                "%s was asked to be deferred and gave VK_SUCCESS: neither deferred nor not", what);
+        device->info.unsaid_deferral = true; /* and done, it seems */
     } else if (result != VK_OPERATION_NOT_DEFERRED_KHR) {
         status = gn_device_check(device, result, what);
     }

@@ -135,6 +135,14 @@ done:
     gn_arena_finish(&arena);
 }
 
+static void deferral(struct gn_case_run *run, const struct gn_case *self)
+{
+    table(run, self);
+    gn_case_check(run, !gn_device_info(run->device)->unsaid_deferral,
+                  "vkCreateRayTracingPipelinesKHR was asked to be deferred and gave VK_SUCCESS, which says neither that it "
+                  "was nor that it was not");
+}
+
 #define CASE(label, spec, ...)                                                                               \
     {                                                                                                        \
         "tables." label, spec, table, &(const struct params){__VA_ARGS__}, 0                                 \
@@ -232,6 +240,10 @@ static const struct gn_case cases[] = {
     LINKED("hits", GN_CTS_LINK_HITS),
     LINKED("all", GN_CTS_LINK_ALL),
     CASE("deferred.meshes", SPEC_DEFERRED, .route = {.record_stride = 1, .deferred = true}, .content = GN_SAMPLE_MESHES),
+    {"tables.deferred.result",
+     "a command that is not deferred, though asked to be, gives VK_OPERATION_NOT_DEFERRED_KHR (Vulkan: Deferred Host "
+     "Operations, Requesting Deferral)",
+     deferral, &(const struct params){.route = {.record_stride = 1, .deferred = true}, .content = GN_SAMPLE_MESHES}, 0},
     CASE("deferred.mixed", SPEC_DEFERRED, .route = {.record_stride = 2, .record_offset = 1, .deferred = true},
          .content = GN_SAMPLE_MIXED),
     LAUNCH("indirect", GN_CTS_LAUNCH_INDIRECT),
