@@ -114,9 +114,13 @@ static enum gn_device_status layout_find(struct gn_built_scene *built, const str
                           geometry->position_count > 65536;
         out->index_type = wide ? VK_INDEX_TYPE_UINT32 : VK_INDEX_TYPE_UINT16;
         out->index_bytes = wide ? 4 : 2;
-        if (geometry->primitive_offset % out->index_bytes || geometry->data_offset % out->index_bytes) {
-            return invalid(built, "the offsets of indices have to be multiples of the index", blas, number,
-                           geometry->primitive_offset | geometry->data_offset);
+        if (geometry->primitive_offset % out->index_bytes) {
+            return invalid(built, "the primitive offset has to be a multiple of the index", blas, number,
+                           geometry->primitive_offset);
+        }
+        if (geometry->data_offset % out->index_bytes) {
+            return invalid(built, "the data offset has to be a multiple of the index", blas, number,
+                           geometry->data_offset);
         }
     }
     const uint64_t last = geometry->first_vertex + out->vertex_count;
@@ -292,9 +296,12 @@ static enum gn_device_status aabbs_write(struct gn_built_scene *built, const str
     if (stride % 8 || stride < AABB_BYTES) {
         return invalid(built, "the AABB stride has to be a multiple of 8 of at least 24", blas, number, stride);
     }
-    if (geometry->primitive_offset % 8 || geometry->data_offset % 8) {
-        return invalid(built, "the offsets of AABBs have to be multiples of 8", blas, number,
-                       geometry->primitive_offset | geometry->data_offset);
+    if (geometry->primitive_offset % 8) {
+        return invalid(built, "the primitive offset of AABBs has to be a multiple of 8", blas, number,
+                       geometry->primitive_offset);
+    }
+    if (geometry->data_offset % 8) {
+        return invalid(built, "the data offset of AABBs has to be a multiple of 8", blas, number, geometry->data_offset);
     }
     VkAccelerationStructureGeometryAabbsDataKHR aabbs = {
         .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_AABBS_DATA_KHR,
