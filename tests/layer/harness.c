@@ -196,41 +196,12 @@ void world_finish(struct world *world)
 
 struct buffer buffer_create(struct world *world, VkDeviceSize size, VkBufferUsageFlags usage)
 {
-    struct buffer buffer = {.size = size};
-    VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
-                               .size = size,
-                               .usage = usage | VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT};
-    REQUIRE(vkCreateBuffer(world->device, &info, NULL, &buffer.handle));
-    VkMemoryRequirements needs;
-    vkGetBufferMemoryRequirements(world->device, buffer.handle, &needs);
-    VkPhysicalDeviceMemoryProperties memory;
-    vkGetPhysicalDeviceMemoryProperties(world->physical, &memory);
-    const VkMemoryPropertyFlags wanted = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-    uint32_t type = 0;
-    while (type < memory.memoryTypeCount &&
-           !((needs.memoryTypeBits >> type & 1) && (memory.memoryTypes[type].propertyFlags & wanted) == wanted))
-        type++;
-    assert_true(type < memory.memoryTypeCount);
-    VkMemoryAllocateFlagsInfo flags = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO,
-                                       .flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
-    VkMemoryAllocateInfo allocation = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
-                                       .pNext = &flags,
-                                       .allocationSize = needs.size,
-                                       .memoryTypeIndex = type};
-    REQUIRE(vkAllocateMemory(world->device, &allocation, NULL, &buffer.memory));
-    REQUIRE(vkBindBufferMemory(world->device, buffer.handle, buffer.memory, 0));
-    REQUIRE(vkMapMemory(world->device, buffer.memory, 0, VK_WHOLE_SIZE, 0, &buffer.mapped));
-    memset(buffer.mapped, 0, size);
-    VkBufferDeviceAddressInfo address = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = buffer.handle};
-    buffer.address = vkGetBufferDeviceAddress(world->device, &address);
-    return buffer;
+    return gn_test_buffer_create(world->physical, world->device, size, usage);
 }
 
 void buffer_destroy(struct world *world, struct buffer *buffer)
 {
-    vkDestroyBuffer(world->device, buffer->handle, NULL);
-    vkFreeMemory(world->device, buffer->memory, NULL);
-    *buffer = (struct buffer){0};
+    gn_test_buffer_destroy(world->device, buffer);
 }
 
 /* The one geometry of a structure. */

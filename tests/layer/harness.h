@@ -13,6 +13,8 @@
 #include <cmocka.h>
 #include <vulkan/vulkan.h>
 
+#include "tests/vulkan/buffer.h"
+
 #define NEVER_BUILT "build.order.blas_never_built"
 
 /* The commands of VK_KHR_acceleration_structure and VK_EXT_debug_utils that the tests use. */
@@ -55,14 +57,6 @@ struct world_options {
     const char *const *extensions;
     uint32_t extension_count;
     void *features;
-};
-
-struct buffer {
-    VkBuffer handle;
-    VkDeviceMemory memory;
-    VkDeviceSize size;
-    VkDeviceAddress address;
-    void *mapped;
 };
 
 /* An acceleration structure with its memory and what builds it: one triangle, or instances. */

@@ -10,15 +10,9 @@
 #include <cmocka.h>
 
 #include "checks/spirv/records.h"
+#include "tests/vulkan/buffer.h"
 
 #define REQUIRE(call) assert_int_equal(call, VK_SUCCESS)
-
-struct buffer {
-    VkBuffer handle;
-    VkDeviceMemory memory;
-    VkDeviceAddress address;
-    void *mapped;
-};
 
 struct structure {
     VkAccelerationStructureKHR handle;
@@ -65,45 +59,17 @@ struct tracer {
 #undef X
 };
 
-static struct buffer buffer_create(struct tracer *tracer, VkDeviceSize size)
+static struct buffer buffer_create(const struct tracer *tracer, VkDeviceSize size)
 {
-    struct buffer buffer = {.address = 0};
-    VkBufferCreateInfo info = {.sType = VK_STRUCTURE_TYPE_BUFFER_CREATE_INFO,
-                               .size = size,
-                               .usage = VK_BUFFER_USAGE_SHADER_DEVICE_ADDRESS_BIT | VK_BUFFER_USAGE_STORAGE_BUFFER_BIT |
-                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
-                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR |
-                                        (tracer->pipelines ? VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR : 0)};
-    REQUIRE(vkCreateBuffer(tracer->device, &info, NULL, &buffer.handle));
-    VkMemoryRequirements needs;
-    vkGetBufferMemoryRequirements(tracer->device, buffer.handle, &needs);
-    VkPhysicalDeviceMemoryProperties memory;
-    vkGetPhysicalDeviceMemoryProperties(tracer->physical, &memory);
-    const VkMemoryPropertyFlags wanted = VK_MEMORY_PROPERTY_HOST_VISIBLE_BIT | VK_MEMORY_PROPERTY_HOST_COHERENT_BIT;
-    uint32_t type = 0;
-    while (type < memory.memoryTypeCount &&
-           !((needs.memoryTypeBits >> type & 1) && (memory.memoryTypes[type].propertyFlags & wanted) == wanted))
-        type++;
-    assert_true(type < memory.memoryTypeCount);
-    VkMemoryAllocateFlagsInfo flags = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_FLAGS_INFO,
-                                       .flags = VK_MEMORY_ALLOCATE_DEVICE_ADDRESS_BIT};
-    VkMemoryAllocateInfo allocation = {.sType = VK_STRUCTURE_TYPE_MEMORY_ALLOCATE_INFO,
-                                       .pNext = &flags,
-                                       .allocationSize = needs.size,
-                                       .memoryTypeIndex = type};
-    REQUIRE(vkAllocateMemory(tracer->device, &allocation, NULL, &buffer.memory));
-    REQUIRE(vkBindBufferMemory(tracer->device, buffer.handle, buffer.memory, 0));
-    REQUIRE(vkMapMemory(tracer->device, buffer.memory, 0, VK_WHOLE_SIZE, 0, &buffer.mapped));
-    memset(buffer.mapped, 0, size);
-    VkBufferDeviceAddressInfo address = {.sType = VK_STRUCTURE_TYPE_BUFFER_DEVICE_ADDRESS_INFO, .buffer = buffer.handle};
-    buffer.address = vkGetBufferDeviceAddress(tracer->device, &address);
-    return buffer;
+    return gn_test_buffer_create(tracer->physical, tracer->device, size,
+                                 VK_BUFFER_USAGE_STORAGE_BUFFER_BIT | VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR |
+                                     VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_STORAGE_BIT_KHR |
+                                     (tracer->pipelines ? VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR : 0));
 }
 
-static void buffer_destroy(struct tracer *tracer, struct buffer *buffer)
+static void buffer_destroy(const struct tracer *tracer, struct buffer *buffer)
 {
-    vkDestroyBuffer(tracer->device, buffer->handle, NULL);
-    vkFreeMemory(tracer->device, buffer->memory, NULL);
+    gn_test_buffer_destroy(tracer->device, buffer);
 }
 
 static bool has_extension(VkPhysicalDevice physical, const char *name)
