@@ -11,6 +11,14 @@ VkResult submit_result, build_result, fence_status, query_result;
 uint64_t one_address, compacted_size;
 const void *copy_source;
 VkBufferUsageFlags2 usage_seen;
+uint32_t fail_at, calls_made;
+VkResult fail_with;
+
+/* Of the next call, which may be the one that fails. */
+static VkResult outcome(VkResult usual)
+{
+    return ++calls_made == fail_at ? fail_with : usual;
+}
 
 static int table_of_instance, table_of_device;
 static uint64_t next_handle = 0x1000;
@@ -20,6 +28,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL create_structure(VkDevice device, const Vk
                                                        VkAccelerationStructureKHR *out)
 {
     (void)device, (void)info, (void)allocator;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     *out = (VkAccelerationStructureKHR)next_handle++;
     return VK_SUCCESS;
 }
@@ -42,28 +53,28 @@ static VKAPI_ATTR VkResult VKAPI_CALL build_on_host(VkDevice device, VkDeferredO
                                                     const VkAccelerationStructureBuildRangeInfoKHR *const *ranges)
 {
     (void)device, (void)deferred, (void)count, (void)infos, (void)ranges;
-    return build_result;
+    return outcome(build_result);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL copy_on_host(VkDevice device, VkDeferredOperationKHR deferred,
                                                    const VkCopyAccelerationStructureInfoKHR *info)
 {
     (void)device, (void)deferred, (void)info;
-    return build_result;
+    return outcome(build_result);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL copy_to_memory(VkDevice device, VkDeferredOperationKHR deferred,
                                                      const VkCopyAccelerationStructureToMemoryInfoKHR *info)
 {
     (void)device, (void)deferred, (void)info;
-    return build_result;
+    return outcome(build_result);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL copy_from_memory(VkDevice device, VkDeferredOperationKHR deferred,
                                                        const VkCopyMemoryToAccelerationStructureInfoKHR *info)
 {
     (void)device, (void)deferred, (void)info;
-    return build_result;
+    return outcome(build_result);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL write_on_host(VkDevice device, uint32_t count, const VkAccelerationStructureKHR *structures,
@@ -72,7 +83,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL write_on_host(VkDevice device, uint32_t co
     (void)device, (void)structures, (void)type, (void)size;
     for (uint32_t i = 0; i < count; i++)
         memcpy((char *)data + i * stride, &compacted_size, sizeof compacted_size);
-    return query_result;
+    return outcome(query_result);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL deferred_result(VkDevice device, VkDeferredOperationKHR operation)
@@ -97,26 +108,29 @@ static VKAPI_ATTR VkResult VKAPI_CALL queue_submit(VkQueue queue, uint32_t count
                                                    VkFence fence)
 {
     (void)queue, (void)count, (void)submits, (void)fence;
-    return submit_result;
+    return outcome(submit_result);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL get_fence_status(VkDevice device, VkFence fence)
 {
     (void)device, (void)fence;
-    return fence_status;
+    return outcome(fence_status);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL wait_for_fences(VkDevice device, uint32_t count, const VkFence *fences, VkBool32 all,
                                                       uint64_t timeout)
 {
     (void)device, (void)count, (void)fences, (void)all, (void)timeout;
-    return fence_status;
+    return outcome(fence_status);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL create_pool(VkDevice device, const VkCommandPoolCreateInfo *info,
                                                   const VkAllocationCallbacks *allocator, VkCommandPool *out)
 {
     (void)device, (void)info, (void)allocator;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     *out = (VkCommandPool)next_handle++;
     return VK_SUCCESS;
 }
@@ -125,6 +139,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL allocate_commands(VkDevice device, const V
                                                         VkCommandBuffer *out)
 {
     (void)device;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     for (uint32_t i = 0; i < info->commandBufferCount; i++)
         out[i] = (VkCommandBuffer)(void *)&fake_commands[i];
     return VK_SUCCESS;
@@ -160,13 +177,16 @@ static VKAPI_ATTR void VKAPI_CALL write_properties(VkCommandBuffer commands, uin
 static VKAPI_ATTR VkResult VKAPI_CALL reset_commands(VkCommandBuffer commands, VkCommandBufferResetFlags flags)
 {
     (void)commands, (void)flags;
-    return VK_SUCCESS;
+    return outcome(VK_SUCCESS);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL create_query_pool(VkDevice device, const VkQueryPoolCreateInfo *info,
                                                         const VkAllocationCallbacks *allocator, VkQueryPool *out)
 {
     (void)device, (void)info, (void)allocator;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     *out = (VkQueryPool)next_handle++;
     return VK_SUCCESS;
 }
@@ -188,7 +208,7 @@ static VKAPI_ATTR VkResult VKAPI_CALL get_query_results(VkDevice device, VkQuery
         bool is_wide = (flags & VK_QUERY_RESULT_64_BIT) != 0;
         memcpy((char *)data + i * stride, is_wide ? (const void *)&wide : &narrow, is_wide ? 8 : 4);
     }
-    return query_result;
+    return outcome(query_result);
 }
 
 static VKAPI_ATTR void VKAPI_CALL pipeline_barrier(VkCommandBuffer commands, VkPipelineStageFlags from,
@@ -219,6 +239,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL create_buffer(VkDevice device, const VkBuf
                                                     const VkAllocationCallbacks *allocator, VkBuffer *out)
 {
     (void)device, (void)allocator;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     usage_seen = usage_of(info);
     *out = (VkBuffer)next_handle++;
     return VK_SUCCESS;
@@ -236,6 +259,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL allocate_memory(VkDevice device, const VkM
                                                       const VkAllocationCallbacks *allocator, VkDeviceMemory *out)
 {
     (void)device, (void)info, (void)allocator;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     *out = (VkDeviceMemory)next_handle++;
     return VK_SUCCESS;
 }
@@ -244,13 +270,16 @@ static VKAPI_ATTR VkResult VKAPI_CALL bind_memory(VkDevice device, VkBuffer buff
                                                   VkDeviceSize offset)
 {
     (void)device, (void)buffer, (void)memory, (void)offset;
-    return VK_SUCCESS;
+    return outcome(VK_SUCCESS);
 }
 
 static VKAPI_ATTR VkResult VKAPI_CALL map_memory(VkDevice device, VkDeviceMemory memory, VkDeviceSize offset,
                                                  VkDeviceSize size, VkMemoryMapFlags flags, void **out)
 {
     (void)device, (void)memory, (void)offset, (void)size, (void)flags;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     *out = staging;
     return VK_SUCCESS;
 }
@@ -278,6 +307,56 @@ static VKAPI_ATTR void VKAPI_CALL copy_buffer(VkCommandBuffer commands, VkBuffer
     memcpy((char *)staging + regions->dstOffset, (const char *)copy_source + regions->srcOffset, regions->size);
 }
 
+#define FAKE_CREATE(name, Info, Handle)                                                                                \
+    static VKAPI_ATTR VkResult VKAPI_CALL name(VkDevice device, const Info *info, const VkAllocationCallbacks *allocator,  \
+                                               Handle *out)                                                                \
+    {                                                                                                                      \
+        (void)device, (void)info, (void)allocator;                                                                         \
+        VkResult result = outcome(VK_SUCCESS);                                                                             \
+        if (result == VK_SUCCESS)                                                                                          \
+            *out = (Handle)next_handle++;                                                                                  \
+        return result;                                                                                                     \
+    }
+#define FAKE_DESTROY(name, Handle)                                                                                     \
+    static VKAPI_ATTR void VKAPI_CALL name(VkDevice device, Handle handle, const VkAllocationCallbacks *allocator)         \
+    {                                                                                                                      \
+        (void)device, (void)handle, (void)allocator;                                                                       \
+    }
+FAKE_CREATE(create_set_layout, VkDescriptorSetLayoutCreateInfo, VkDescriptorSetLayout)
+FAKE_CREATE(create_pipeline_layout, VkPipelineLayoutCreateInfo, VkPipelineLayout)
+FAKE_CREATE(create_set_pool, VkDescriptorPoolCreateInfo, VkDescriptorPool)
+FAKE_DESTROY(destroy_set_layout, VkDescriptorSetLayout)
+FAKE_DESTROY(destroy_pipeline_layout, VkPipelineLayout)
+FAKE_DESTROY(destroy_set_pool, VkDescriptorPool)
+FAKE_DESTROY(destroy_pool, VkCommandPool)
+
+static VKAPI_ATTR VkResult VKAPI_CALL allocate_sets(VkDevice device, const VkDescriptorSetAllocateInfo *info, VkDescriptorSet *out)
+{
+    (void)device;
+    VkResult result = outcome(VK_SUCCESS);
+    for (uint32_t i = 0; result == VK_SUCCESS && i < info->descriptorSetCount; i++)
+        out[i] = (VkDescriptorSet)next_handle++;
+    return result;
+}
+
+static VKAPI_ATTR void VKAPI_CALL update_sets(VkDevice device, uint32_t write_count, const VkWriteDescriptorSet *writes,
+                                              uint32_t copy_count, const VkCopyDescriptorSet *copies)
+{
+    (void)device, (void)write_count, (void)writes, (void)copy_count, (void)copies;
+}
+
+static VKAPI_ATTR void VKAPI_CALL bind_sets(VkCommandBuffer commands, VkPipelineBindPoint point, VkPipelineLayout layout, uint32_t first,
+                                            uint32_t count, const VkDescriptorSet *sets, uint32_t dynamic_count, const uint32_t *dynamics)
+{
+    (void)commands, (void)point, (void)layout, (void)first, (void)count, (void)sets, (void)dynamic_count, (void)dynamics;
+}
+
+static VKAPI_ATTR VkResult VKAPI_CALL wait_idle(VkDevice device)
+{
+    (void)device;
+    return outcome(VK_SUCCESS);
+}
+
 static VKAPI_ATTR void VKAPI_CALL destroy_device(VkDevice device, const VkAllocationCallbacks *allocator)
 {
     (void)device, (void)allocator;
@@ -287,6 +366,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL create_fence(VkDevice device, const VkFenc
                                                    const VkAllocationCallbacks *allocator, VkFence *out)
 {
     (void)device, (void)info, (void)allocator;
+    VkResult result = outcome(VK_SUCCESS);
+    if (result != VK_SUCCESS)
+        return result;
     *out = (VkFence)next_handle++;
     return VK_SUCCESS;
 }
@@ -299,7 +381,7 @@ static VKAPI_ATTR void VKAPI_CALL destroy_fence(VkDevice device, VkFence fence, 
 static VKAPI_ATTR VkResult VKAPI_CALL reset_fences(VkDevice device, uint32_t count, const VkFence *fences)
 {
     (void)device, (void)count, (void)fences;
-    return VK_SUCCESS;
+    return outcome(VK_SUCCESS);
 }
 
 int set_up(void **state)
@@ -309,6 +391,7 @@ int set_up(void **state)
     staging = calloc(1, 1 << 20);
     submit_result = build_result = fence_status = query_result = VK_SUCCESS;
     one_address = 0;
+    fail_at = calls_made = 0;
     compacted_size = 600;
     fake_instance.table = &table_of_instance;
     fake_device.table = fake_queues[0].table = fake_queues[1].table = &table_of_device;
@@ -370,6 +453,17 @@ int set_up(void **state)
                                            .FreeMemory = free_memory,
                                            .BindBufferMemory = bind_memory,
                                            .MapMemory = map_memory,
+                                           .CreateDescriptorSetLayout = create_set_layout,
+                                           .DestroyDescriptorSetLayout = destroy_set_layout,
+                                           .CreatePipelineLayout = create_pipeline_layout,
+                                           .DestroyPipelineLayout = destroy_pipeline_layout,
+                                           .CreateDescriptorPool = create_set_pool,
+                                           .DestroyDescriptorPool = destroy_set_pool,
+                                           .AllocateDescriptorSets = allocate_sets,
+                                           .UpdateDescriptorSets = update_sets,
+                                           .CmdBindDescriptorSets = bind_sets,
+                                           .DestroyCommandPool = destroy_pool,
+                                           .DeviceWaitIdle = wait_idle,
                                            .DestroyDevice = destroy_device};
     pthread_mutex_init(&device->lock, NULL);
     if (!gn_device_register(device))

@@ -25,6 +25,10 @@ extern uint64_t compacted_size; /* that every question gets; 600 at first */
 extern const void *copy_source; /* host memory whose address is that of every buffer; the fixture's record at first */
 extern VkBufferUsageFlags2 usage_seen; /* of the last buffer, as it came to the next layer by either way of asking */
 
+/* The call (of those that give a result) that gives fail_with instead, counted from 1; 0: none. How many there were. */
+extern uint32_t fail_at, calls_made;
+extern VkResult fail_with;
+
 struct fixture {
     struct gn_instance instance;
     struct gn_device *device;
