@@ -204,13 +204,13 @@ void buffer_destroy(struct world *world, struct buffer *buffer)
     gn_test_buffer_destroy(world->device, buffer);
 }
 
-/* The one geometry of a structure. */
 /* Of both geometries, if there are two. */
 struct geometries {
     VkAccelerationStructureGeometryKHR list[2];
     VkAccelerationStructureBuildRangeInfoKHR ranges[2];
 };
 
+/* One geometry of a structure; a second is like it. */
 static VkAccelerationStructureGeometryKHR geometry_of(const struct structure *structure)
 {
     VkAccelerationStructureGeometryKHR geometry = {.sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_GEOMETRY_KHR,

@@ -428,6 +428,46 @@ static void indirect(void **state)
     }
 }
 
+/* A copy into the table has to come before the trace, and be visible to it. */
+static void table_written_by_a_copy(void **state)
+{
+    (void)state;
+    for (int ordered = 0; ordered < 2; ordered++) {
+        struct world *world = world_with_rays();
+        struct subject subject;
+        world->rule = "sync.binding_table";
+        subject_init(&subject, world);
+        buffer_destroy(world, &subject.table);
+        subject.table = buffer_create(world, TABLE_SIZE, TABLE | VK_BUFFER_USAGE_TRANSFER_DST_BIT);
+        struct buffer source = buffer_create(world, MAX_HANDLE, VK_BUFFER_USAGE_TRANSFER_SRC_BIT);
+        for (int part = RAYGEN; part <= HIT; part++)
+            subject.regions[part].deviceAddress = subject.table.address + (VkDeviceSize)(PLACE * part);
+        table_write(&subject);
+        memcpy(source.mapped, subject.handles[HIT], MAX_HANDLE);
+        VkCommandBuffer commands = commands_begin(world, 0);
+        commands_build_one(world, commands, &subject.blas);
+        commands_barrier(commands);
+        commands_build_one(world, commands, &subject.tlas);
+        commands_barrier(commands);
+        VkBufferCopy region = {0, PLACE * HIT, subject.limits.shaderGroupHandleSize};
+        vkCmdCopyBuffer(commands, source.handle, subject.table.handle, 1, &region);
+        if (ordered)
+            commands_barrier(commands);
+        vkCmdBindPipeline(commands, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR, subject.pipeline);
+        vkCmdBindDescriptorSets(commands, VK_PIPELINE_BIND_POINT_RAY_TRACING_KHR, subject.pipeline_layout, 0, 1, &subject.set, 0, NULL);
+        subject.CmdTraceRaysKHR(commands, &subject.regions[RAYGEN], &subject.regions[MISS], &subject.regions[HIT],
+                                &subject.regions[CALLABLE], 1, 1, 1);
+        commands_end(commands);
+        submit_and_wait(world, commands);
+        expect_findings(world, !ordered);
+        buffer_destroy(world, &source);
+        subject_finish(&subject);
+        world->above_khronos &= ordered;
+        world_finish(world);
+        free(world);
+    }
+}
+
 static void recursion_beyond_the_device(void **state)
 {
     (void)state;
@@ -469,13 +509,14 @@ static void null_miss_shader_excluded(void **state)
 
 int main(void)
 {
-    struct CMUnitTest tests[ROW_COUNT + 4];
+    struct CMUnitTest tests[ROW_COUNT + 5];
     size_t count = 0;
     for (; count < ROW_COUNT; count++)
         tests[count] = (struct CMUnitTest){
             .name = rows[count].name, .test_func = run_row, .initial_state = (void *)(uintptr_t)&rows[count]};
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(handles_of_another_pipeline);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(indirect);
+    tests[count++] = (struct CMUnitTest)cmocka_unit_test(table_written_by_a_copy);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(recursion_beyond_the_device);
     tests[count++] = (struct CMUnitTest)cmocka_unit_test(null_miss_shader_excluded);
     return _cmocka_run_group_tests("sbt", tests, count, NULL, NULL);

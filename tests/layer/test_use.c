@@ -125,6 +125,17 @@ static void buffer_gone(struct world *world)
     scene_destroy(world, &scene);
 }
 
+/* The memory stays, so that the driver survives. */
+static void buffer_gone_and_traced(struct world *world)
+{
+    struct scene scene = scene_create(world, TRACE_ALWAYS, TRACE_BY_WRITE);
+    vkDestroyBuffer(world->device, scene.blas.storage.handle, NULL);
+    scene.blas.storage.handle = VK_NULL_HANDLE;
+    trace(world, &scene, 1);
+    assert_non_null(strstr(messages_find(world, "use.blas_destroyed")->text, "lost their buffer"));
+    scene_destroy(world, &scene);
+}
+
 static void memory_gone(struct world *world)
 {
     struct scene scene = scene_create(world, TRACE_MAYBE, TRACE_BY_WRITE);
@@ -263,6 +274,7 @@ static const struct {
     {"TLAS without it, then destroyed", "use.blas_destroyed", 0, dropped_before_destroyed},
     {"destroyed after the trace", "use.blas_destroyed", 0, destroyed_after_the_trace},
     {"buffer destroyed", "use.blas_destroyed_bound", 1, buffer_gone},
+    {"buffer destroyed, and certainly traced", "use.blas_destroyed", 1, buffer_gone_and_traced},
     {"memory freed", "use.blas_destroyed_bound", 1, memory_gone},
     {"compacted away", "use.blas_destroyed", 1, compacted_away},
     {"a branch that is not taken", "use.blas_destroyed_bound", 1, branch_not_taken},
@@ -293,6 +305,44 @@ static void every_row(void **state)
     }
 }
 
+/* The commands and the instrumented shader agree: it is an error where the trace ran, and only there. In safe mode the driver never sees such a
+ * trace. */
+static void never_built_and_traced(void **state)
+{
+    static const struct {
+        const char *name;
+        enum trace_shader shader;
+        uint32_t branch, groups;         /* whether TRACE_MAYBE takes it */
+        uint32_t certain, bound, shaders; /* findings of the three rules */
+    } table[] = {
+        {"certainly traced", TRACE_ALWAYS, 0, 1, 1, 0, 1},
+        {"a branch that is taken", TRACE_MAYBE, 1, 1, 0, 1, 1},
+        {"a branch that is not taken", TRACE_MAYBE, 0, 1, 0, 1, 0},
+        {"a dispatch of nothing", TRACE_ALWAYS, 0, 0, 0, 1, 0},
+    };
+    (void)state;
+    setenv("VK_GNOMON_RAY_TRACING_SAFE_MODE", "true", 1);
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        struct world *world = calloc(1, sizeof *world);
+        print_message("    %s\n", table[i].name);
+        trace_world_init(world, false);
+        struct scene scene = scene_create(world, table[i].shader, TRACE_BY_WRITE);
+        struct structure tlas = tlas_create(world, 1);
+        tracer_refer(world, &scene.tracer, tlas.handle);
+        ((uint32_t *)scene.tracer.hits.mapped)[1] = table[i].branch;
+        trace(world, &scene, table[i].groups);
+        vkDeviceWaitIdle(world->device);
+        assert_int_equal(messages_count(world, "use.tlas_never_built"), table[i].certain);
+        assert_int_equal(messages_count(world, "use.tlas_never_built_bound"), table[i].bound);
+        assert_int_equal(messages_count(world, "structure.never_built"), table[i].shaders);
+        structure_destroy(world, &tlas);
+        scene_destroy(world, &scene);
+        world_finish(world);
+        free(world);
+    }
+    unsetenv("VK_GNOMON_RAY_TRACING_SAFE_MODE");
+}
+
 /* What is not followed is said, whether something is wrong with it or not. */
 static void descriptor_buffers_are_named(void **state)
 {
@@ -317,6 +367,7 @@ static void descriptor_buffers_are_named(void **state)
 
 int main(void)
 {
-    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row), cmocka_unit_test(descriptor_buffers_are_named)};
+    const struct CMUnitTest tests[] = {cmocka_unit_test(every_row), cmocka_unit_test(never_built_and_traced),
+                                       cmocka_unit_test(descriptor_buffers_are_named)};
     return cmocka_run_group_tests_name("use", tests, NULL, NULL);
 }
