@@ -1,7 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Eight threads create, name, record, submit and destroy at once, as Vulkan's rules of external synchronization allow; every
- * second one makes the mistake. Run it under ThreadSanitizer too. */
-#include "tests/layer/harness.h"
+ * second one makes a mistake in every round, and the others trace, and make another one in the last. Run it under ThreadSanitizer too. */
+#include "tests/layer/trace.h"
 
 #include <pthread.h>
 #include <stdio.h>
@@ -18,11 +18,33 @@ struct worker {
     bool wrong;
 };
 
+/* Traces through the TLAS, once its BLAS is gone if that is asked for; in a branch that is not taken, so that the driver survives. */
+static void trace(struct worker *worker, struct tracer *tracer, struct structure *tlas, struct structure *blas, VkFence fence, bool gone)
+{
+    struct world *world = worker->world;
+    if (gone) {
+        structure_destroy_handle(world, blas);
+        blas->handle = VK_NULL_HANDLE;
+    }
+    tracer_refer(world, tracer, tlas->handle);
+    VkCommandBuffer commands = commands_begin(world, 0);
+    commands_barrier(commands);
+    commands_trace(world, commands, tracer, tlas->handle, 1);
+    commands_end(commands);
+    pthread_mutex_lock(&queue_lock);
+    submit(world, commands, fence);
+    pthread_mutex_unlock(&queue_lock);
+    vkWaitForFences(world->device, 1, &fence, VK_TRUE, UINT64_MAX);
+    vkResetFences(world->device, 1, &fence);
+    vkFreeCommandBuffers(world->device, world->pool, 1, &commands);
+}
+
 static void *work(void *argument)
 {
     struct worker *worker = argument;
     struct world *world = worker->world;
     VkFence fence = fence_create(world);
+    struct tracer tracer = tracer_create(world, TRACE_MAYBE, TRACE_BY_WRITE);
     for (int round = 0; round < ROUNDS; round++) {
         struct structure blas = blas_create(world, VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR, 0);
         struct structure tlas = tlas_create(world, 16);
@@ -42,9 +64,12 @@ static void *work(void *argument)
         vkWaitForFences(world->device, 1, &fence, VK_TRUE, UINT64_MAX);
         vkResetFences(world->device, 1, &fence);
         vkFreeCommandBuffers(world->device, world->pool, 1, &commands);
+        if (!worker->wrong)
+            trace(worker, &tracer, &tlas, &blas, fence, round == ROUNDS - 1);
         structure_destroy(world, &tlas);
         structure_destroy(world, &blas);
     }
+    tracer_destroy(world, &tracer);
     vkDestroyFence(world->device, fence, NULL);
     return NULL;
 }
@@ -73,6 +98,7 @@ static void eight_threads(void **state)
         if (strcmp(world->messages.list[i].id, NEVER_BUILT) == 0)
             assert_non_null(strstr(world->messages.list[i].text, "BLAS \"wrong\""));
     assert_int_equal(messages_count(world, NEVER_BUILT), THREADS / 2 * ROUNDS);
+    assert_int_equal(messages_count(world, "use.blas_destroyed_bound"), THREADS / 2);
     world_finish(world);
     free(copies);
     free(world);
