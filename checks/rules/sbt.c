@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* Rules about shader binding tables: where their regions lie, and what the records hold when a trace runs. Which record of a region a ray
  * reaches is mostly the shader's choice, so that a single odd record there proves nothing. */
+#include <stdarg.h>
 #include <stdio.h>
 
 #include "checks/rules/rules.h"
@@ -20,20 +21,37 @@ static bool begin_demand(const struct gn_demand *demand, struct gn_report *repor
     return gn_report_is_new(report, *out_site);
 }
 
-static const char *place_of(const struct gn_demand *demand)
+/* Says it of the pipeline, and of the buffer if there is one. */
+__attribute__((format(printf, 4, 5))) static void tell(const struct gn_demand *demand, struct gn_report *report, enum gn_demand_kind kind,
+                                                       const char *format, ...)
 {
-    return demand->place ? demand->place : "a trace";
+    uint64_t site;
+    char text[1024], pipeline[256];
+    va_list values;
+    if (!begin_demand(demand, report, kind, &site))
+        return;
+    struct gn_object objects[] = {demand->target, demand->buffer};
+    va_start(values, format);
+    vsnprintf(text, sizeof text, format, values);
+    va_end(values);
+    gn_report_add(report, site, objects, demand->buffer.kind == GN_OBJECT_NONE || kind != GN_DEMAND_SBT_USAGE ? 1 : 2,
+                  "%s, in a trace with %s. Found in %s.", text, gn_object_describe(&demand->target, pipeline, sizeof pipeline),
+                  demand->place ? demand->place : "a trace");
 }
+
+/* A warning, but an error by the clauses of Diligent. */
+#define WARNING_BUT_IN_DILIGENT                                                                                        \
+    {                                                                                                                  \
+        [GN_PROFILE_VULKAN] = GN_SEVERITY_WARNING, [GN_PROFILE_WGPU] = GN_SEVERITY_WARNING,                            \
+        [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_WARNING, [GN_PROFILE_DILIGENT] = GN_SEVERITY_ERROR,                       \
+        [GN_PROFILE_HGI] = GN_SEVERITY_WARNING                                                                         \
+    }
 
 static void misaligned(const struct gn_demand *demand, struct gn_report *report)
 {
-    uint64_t site;
-    char pipeline[256];
-    if (begin_demand(demand, report, GN_DEMAND_SBT_ALIGNMENT, &site))
-        gn_report_add(report, site, &demand->target, 1, "%s is 0x%llx (%llu), which is no multiple of %s (%llu), in a trace with %s. Found in %s.",
-                      demand->what, (unsigned long long)demand->value, (unsigned long long)demand->value,
-                      demand->needs ? demand->needs : "the alignment", (unsigned long long)demand->bound,
-                      gn_object_describe(&demand->target, pipeline, sizeof pipeline), place_of(demand));
+    tell(demand, report, GN_DEMAND_SBT_ALIGNMENT, "%s is 0x%llx (%llu), which is no multiple of %s (%llu)", demand->what,
+         (unsigned long long)demand->value, (unsigned long long)demand->value, demand->needs ? demand->needs : "the alignment",
+         (unsigned long long)demand->bound);
 }
 
 const struct gn_rule gn_rule_sbt_misaligned = {
@@ -52,12 +70,8 @@ const struct gn_rule gn_rule_sbt_misaligned = {
 
 static void limit(const struct gn_demand *demand, struct gn_report *report)
 {
-    uint64_t site;
-    char pipeline[256];
-    if (begin_demand(demand, report, GN_DEMAND_SBT_LIMIT, &site))
-        gn_report_add(report, site, &demand->target, 1, "%s is %llu, more than %s, which is %llu, in a trace with %s. Found in %s.", demand->what,
-                      (unsigned long long)demand->value, demand->needs ? demand->needs : "the limit", (unsigned long long)demand->bound,
-                      gn_object_describe(&demand->target, pipeline, sizeof pipeline), place_of(demand));
+    tell(demand, report, GN_DEMAND_SBT_LIMIT, "%s is %llu, more than %s, which is %llu", demand->what, (unsigned long long)demand->value,
+         demand->needs ? demand->needs : "the limit", (unsigned long long)demand->bound);
 }
 
 const struct gn_rule gn_rule_sbt_limit = {
@@ -74,15 +88,10 @@ const struct gn_rule gn_rule_sbt_limit = {
 
 static void buffer_usage(const struct gn_demand *demand, struct gn_report *report)
 {
-    uint64_t site;
-    char pipeline[256], buffer[256];
-    if (!begin_demand(demand, report, GN_DEMAND_SBT_USAGE, &site))
-        return;
-    struct gn_object objects[] = {demand->target, demand->buffer};
-    gn_report_add(report, site, objects, 2, "%s, 0x%llx, lies in %s, which was created without %s, in a trace with %s. Found in %s.", demand->what,
-                  (unsigned long long)demand->value, gn_object_describe(&demand->buffer, buffer, sizeof buffer),
-                  demand->needs ? demand->needs : "the usage", gn_object_describe(&demand->target, pipeline, sizeof pipeline),
-                  place_of(demand));
+    char buffer[256];
+    tell(demand, report, GN_DEMAND_SBT_USAGE, "%s, 0x%llx, lies in %s, which was created without %s", demand->what,
+         (unsigned long long)demand->value, gn_object_describe(&demand->buffer, buffer, sizeof buffer),
+         demand->needs ? demand->needs : "the usage");
 }
 
 const struct gn_rule gn_rule_sbt_buffer_usage = {
@@ -99,12 +108,8 @@ const struct gn_rule gn_rule_sbt_buffer_usage = {
 
 static void beyond_buffer(const struct gn_demand *demand, struct gn_report *report)
 {
-    uint64_t site;
-    char pipeline[256];
-    if (begin_demand(demand, report, GN_DEMAND_SBT_RANGE, &site))
-        gn_report_add(report, site, &demand->target, 1, "%s is %llu bytes, but only %llu follow its address in the buffer, in a trace with %s. Found in %s.",
-                      demand->what, (unsigned long long)demand->bound, (unsigned long long)demand->value,
-                      gn_object_describe(&demand->target, pipeline, sizeof pipeline), place_of(demand));
+    tell(demand, report, GN_DEMAND_SBT_RANGE, "%s is %llu bytes, but only %llu follow its address in the buffer", demand->what,
+         (unsigned long long)demand->bound, (unsigned long long)demand->value);
 }
 
 const struct gn_rule gn_rule_sbt_beyond_buffer = {
@@ -120,12 +125,8 @@ const struct gn_rule gn_rule_sbt_beyond_buffer = {
 
 static void raygen_size(const struct gn_demand *demand, struct gn_report *report)
 {
-    uint64_t site;
-    char pipeline[256];
-    if (begin_demand(demand, report, GN_DEMAND_SBT_RAYGEN, &site))
-        gn_report_add(report, site, &demand->target, 1, "%s is %llu, but the stride is %llu, in a trace with %s. Found in %s.", demand->what,
-                      (unsigned long long)demand->value, (unsigned long long)demand->bound,
-                      gn_object_describe(&demand->target, pipeline, sizeof pipeline), place_of(demand));
+    tell(demand, report, GN_DEMAND_SBT_RAYGEN, "%s is %llu, but the stride is %llu", demand->what, (unsigned long long)demand->value,
+         (unsigned long long)demand->bound);
 }
 
 const struct gn_rule gn_rule_sbt_raygen_size = {
@@ -248,11 +249,7 @@ const struct gn_rule gn_rule_sbt_region_unusable = {
               "and that the handles are of this pipeline and not of one before it.",
     .sources = {"Vulkan: Shader Binding Table", "VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-04735",
                 "VUID-vkCmdTraceRaysKHR-pHitShaderBindingTable-04736", "DE-080"},
-    .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_WARNING,
-                 [GN_PROFILE_WGPU] = GN_SEVERITY_WARNING,
-                 [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_WARNING,
-                 [GN_PROFILE_DILIGENT] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_HGI] = GN_SEVERITY_WARNING},
+    .severity = WARNING_BUT_IN_DILIGENT,
     .on = GN_RULE_ON_SBT,
     .test.sbt = region_unusable,
 };
@@ -311,11 +308,7 @@ const struct gn_rule gn_rule_sbt_hit_beyond_table = {
     .remedy = "Write one hit record per geometry and ray type, and instance offsets that count them; or give the hit region its full "
               "size.",
     .sources = {"Vulkan: Hit Shader Addressing", "DE-097", "DE-098", "DE-100"},
-    .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_WARNING,
-                 [GN_PROFILE_WGPU] = GN_SEVERITY_WARNING,
-                 [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_WARNING,
-                 [GN_PROFILE_DILIGENT] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_HGI] = GN_SEVERITY_WARNING},
+    .severity = WARNING_BUT_IN_DILIGENT,
     .on = GN_RULE_ON_SBT,
     .test.sbt = hit_beyond_table,
 };

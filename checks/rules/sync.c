@@ -59,121 +59,67 @@ static void judge(const struct gn_hazard *hazard, struct gn_report *report, enum
     "Record a barrier between the two with the masks above (or wider ones); between queues, wait for a semaphore that the first "    \
     "submission signals."
 
-static void instance(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_INSTANCE, true);
-}
+/* A rule about one kind of hazard; what follows the severity is the rest of its block. */
+#define RULE(name, kind_of_hazard, is_certain, level, ...)                                                             \
+    static void name(const struct gn_hazard *hazard, struct gn_report *report)                                         \
+    {                                                                                                                  \
+        judge(hazard, report, kind_of_hazard, is_certain);                                                             \
+    }                                                                                                                  \
+    const struct gn_rule gn_rule_sync_##name = {                                                                       \
+        .severity = GN_EVERYWHERE(level), .on = GN_RULE_ON_HAZARD, .test.hazard = name, __VA_ARGS__};
 
-const struct gn_rule gn_rule_sync_instance = {
-    .id = "sync.blas_to_tlas",
-    .title = "No barrier between the build of a BLAS and of a TLAS with it",
-    .text = "A TLAS build reads the BLASes that its instances refer to. What wrote them comes before it, and is visible to it.",
-    .remedy = REMEDY,
-    .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-06707", "WG-015", "WG-016", "WR-025"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = instance,
-};
+RULE(instance, GN_HAZARD_INSTANCE, true, GN_SEVERITY_ERROR,
+     .id = "sync.blas_to_tlas",
+     .title = "No barrier between the build of a BLAS and of a TLAS with it",
+     .text = "A TLAS build reads the BLASes that its instances refer to. What wrote them comes before it, and is visible to it.",
+     .remedy = REMEDY,
+     .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-pInfos-06707", "WG-015", "WG-016", "WR-025"})
 
-static void trace(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_TRACE, true);
-}
+RULE(trace, GN_HAZARD_TRACE, true, GN_SEVERITY_ERROR,
+     .id = "sync.tlas_to_trace",
+     .title = "No barrier between the build of a TLAS and a trace through it",
+     .text = "What wrote a TLAS comes before the trace through it, and is visible to it. This rule speaks where some invocation of the command "
+             "certainly traces through the TLAS.",
+     .remedy = REMEDY,
+     .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017", "DE-108"})
 
-const struct gn_rule gn_rule_sync_trace = {
-    .id = "sync.tlas_to_trace",
-    .title = "No barrier between the build of a TLAS and a trace through it",
-    .text = "What wrote a TLAS comes before the trace through it, and is visible to it. This rule speaks where some invocation of the command "
-            "certainly traces through the TLAS.",
-    .remedy = REMEDY,
-    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017", "DE-108"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = trace,
-};
+RULE(trace_bound, GN_HAZARD_TRACE, false, GN_SEVERITY_NOTE,
+     .id = "sync.tlas_to_trace_bound",
+     .title = "No barrier between the build of a TLAS and a shader that may trace through it",
+     .text = "The same as sync.tlas_to_trace where the shader names the TLAS, but may not trace through it in this command.",
+     .remedy = REMEDY,
+     .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017", "DE-108"})
 
-static void trace_bound(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_TRACE, false);
-}
+RULE(scratch, GN_HAZARD_SCRATCH, true, GN_SEVERITY_ERROR,
+     .id = "sync.scratch",
+     .title = "Scratch memory used again without a barrier",
+     .text = "Builds that share scratch memory, or scratch memory with anything else, come after each other.",
+     .remedy = REMEDY " Or give each build scratch memory of its own.",
+     .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-scratchData-03704", "VUID-vkCmdBuildAccelerationStructuresKHR-scratchData-03705"})
 
-const struct gn_rule gn_rule_sync_trace_bound = {
-    .id = "sync.tlas_to_trace_bound",
-    .title = "No barrier between the build of a TLAS and a shader that may trace through it",
-    .text = "The same as sync.tlas_to_trace where the shader names the TLAS, but may not trace through it in this command.",
-    .remedy = REMEDY,
-    .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017", "DE-108"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_NOTE),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = trace_bound,
-};
+RULE(input, GN_HAZARD_INPUT, true, GN_SEVERITY_ERROR,
+     .id = "sync.input",
+     .title = "No barrier between a write and a build that reads it",
+     .text = "What a build reads (vertices, indices, boxes, transforms, instances) was written before, visibly, and is not overwritten before the "
+             "build is over.",
+     .remedy = REMEDY,
+     .sources = {"WG-016", "HG-022"})
 
-static void scratch(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_SCRATCH, true);
-}
+RULE(structure, GN_HAZARD_STRUCTURE, true, GN_SEVERITY_ERROR,
+     .id = "sync.structure",
+     .title = "No barrier between two commands on one structure",
+     .text = "A build, update, copy, compaction or question about size comes after what wrote the structure, and a write comes after what reads "
+             "it. The compacted size that is asked before the build is over may be anything.",
+     .remedy = REMEDY,
+     .sources = {"VUID-vkCmdWriteAccelerationStructuresPropertiesKHR-pAccelerationStructures-04964",
+                 "VUID-vkCmdCopyAccelerationStructureKHR-src-11633", "WG-027", "WR-025"})
 
-const struct gn_rule gn_rule_sync_scratch = {
-    .id = "sync.scratch",
-    .title = "Scratch memory used again without a barrier",
-    .text = "Builds that share scratch memory, or scratch memory with anything else, come after each other.",
-    .remedy = REMEDY " Or give each build scratch memory of its own.",
-    .sources = {"VUID-vkCmdBuildAccelerationStructuresKHR-scratchData-03704", "VUID-vkCmdBuildAccelerationStructuresKHR-scratchData-03705"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = scratch,
-};
-
-static void input(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_INPUT, true);
-}
-
-const struct gn_rule gn_rule_sync_input = {
-    .id = "sync.input",
-    .title = "No barrier between a write and a build that reads it",
-    .text = "What a build reads (vertices, indices, boxes, transforms, instances) was written before, visibly, and is not overwritten before the "
-            "build is over.",
-    .remedy = REMEDY,
-    .sources = {"WG-016", "HG-022"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = input,
-};
-
-static void structure(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_STRUCTURE, true);
-}
-
-const struct gn_rule gn_rule_sync_structure = {
-    .id = "sync.structure",
-    .title = "No barrier between two commands on one structure",
-    .text = "A build, update, copy, compaction or question about size comes after what wrote the structure, and a write comes after what reads "
-            "it. The compacted size that is asked before the build is over may be anything.",
-    .remedy = REMEDY,
-    .sources = {"VUID-vkCmdWriteAccelerationStructuresPropertiesKHR-pAccelerationStructures-04964",
-                "VUID-vkCmdCopyAccelerationStructureKHR-src-11633", "WG-027", "WR-025"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = structure,
-};
-
-static void binding_table(const struct gn_hazard *hazard, struct gn_report *report)
-{
-    judge(hazard, report, GN_HAZARD_BINDING_TABLE, true);
-}
-
-const struct gn_rule gn_rule_sync_binding_table = {
-    .id = "sync.binding_table",
-    .title = "No barrier between a write of the shader binding table and a trace",
-    .text = "A trace comes after what wrote its shader binding table, visibly, and before what overwrites it.",
-    .remedy = REMEDY,
-    .sources = {"DE-094", "DE-112"},
-    .severity = GN_EVERYWHERE(GN_SEVERITY_ERROR),
-    .on = GN_RULE_ON_HAZARD,
-    .test.hazard = binding_table,
-};
+RULE(binding_table, GN_HAZARD_BINDING_TABLE, true, GN_SEVERITY_ERROR,
+     .id = "sync.binding_table",
+     .title = "No barrier between a write of the shader binding table and a trace",
+     .text = "A trace comes after what wrote its shader binding table, visibly, and before what overwrites it.",
+     .remedy = REMEDY,
+     .sources = {"DE-094", "DE-112"})
 
 static void build_overlap(const struct gn_hazard *hazard, struct gn_report *report)
 {

@@ -8,6 +8,14 @@
 extern const struct gn_rule gn_rule_use_never_built, gn_rule_use_never_built_bound, gn_rule_use_blas_destroyed,
     gn_rule_use_blas_destroyed_bound, gn_rule_use_blas_rebuilt;
 
+/* A note, but an error by the clauses of wgpu. */
+#define NOTE_BUT_IN_WGPU                                                                                               \
+    {                                                                                                                  \
+        [GN_PROFILE_VULKAN] = GN_SEVERITY_NOTE, [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,                                 \
+        [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_NOTE, [GN_PROFILE_DILIGENT] = GN_SEVERITY_NOTE,                           \
+        [GN_PROFILE_HGI] = GN_SEVERITY_NOTE                                                                            \
+    }
+
 static void add(const struct gn_trouble *use, struct gn_report *report, const char *what)
 {
     uint64_t site = gn_report_site(report, use->tlas_id, use->blas_id);
@@ -54,11 +62,7 @@ const struct gn_rule gn_rule_use_never_built_bound = {
     .text = "The same as use.tlas_never_built where the shader names the TLAS, but may not trace through it in this command.",
     .remedy = "Build the TLAS first, or make sure that the shader does not reach the trace.",
     .sources = {"VUID-RuntimeSpirv-OpRayQueryInitializeKHR-06352", "VUID-RuntimeSpirv-OpTraceRayKHR-06359", "WG-017"},
-    .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_DILIGENT] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_HGI] = GN_SEVERITY_NOTE},
+    .severity = NOTE_BUT_IN_WGPU,
     .on = GN_RULE_ON_USE,
     .test.use = never_built_bound,
 };
@@ -105,11 +109,7 @@ const struct gn_rule gn_rule_use_blas_destroyed_bound = {
     .text = "The same as use.blas_destroyed where the shader names the TLAS, but may not trace through it in this command.",
     .remedy = "Build the TLAS again without the BLAS that is gone, or make sure that the shader does not reach the trace.",
     .sources = {"Vulkan: Top Level Acceleration Structures", "WG-018", "WG-020"},
-    .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_DILIGENT] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_HGI] = GN_SEVERITY_NOTE},
+    .severity = NOTE_BUT_IN_WGPU,
     .on = GN_RULE_ON_USE,
     .test.use = blas_destroyed_bound,
 };
@@ -132,11 +132,7 @@ const struct gn_rule gn_rule_use_blas_rebuilt = {
             "bounds of the BLAS are unknown to the old TLAS, and rays may miss what has moved.",
     .remedy = "Build or update the TLAS after its BLASes, with a barrier between them.",
     .sources = {"WG-018", "WG-019"},
-    .severity = {[GN_PROFILE_VULKAN] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_WGPU] = GN_SEVERITY_ERROR,
-                 [GN_PROFILE_WEBGPU_RT] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_DILIGENT] = GN_SEVERITY_NOTE,
-                 [GN_PROFILE_HGI] = GN_SEVERITY_NOTE},
+    .severity = NOTE_BUT_IN_WGPU,
     .on = GN_RULE_ON_USE,
     .test.use = blas_rebuilt,
 };

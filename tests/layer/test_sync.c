@@ -167,60 +167,58 @@ static void scratch(struct world *world, const struct order *order)
     structure_destroy(world, &second);
 }
 
+/* A BLAS whose input lies in a buffer that transfers may write. */
+struct uploaded {
+    struct structure blas;
+    struct buffer own;
+    struct step step;
+};
+
+static struct uploaded upload_begin(struct world *world)
+{
+    struct uploaded uploaded = {.blas = blas_create(world, BLAS, 0)};
+    uploaded.own = uploaded.blas.input;
+    uploaded.blas.input = buffer_create(world, 64, VK_BUFFER_USAGE_TRANSFER_DST_BIT |
+                                                       VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
+    uploaded.step = begin(world);
+    uploaded.step.range = uploaded.blas.input;
+    return uploaded;
+}
+
+static void upload_finish(struct world *world, struct uploaded *uploaded)
+{
+    finish(&uploaded->step);
+    buffer_destroy(world, &uploaded->own);
+    structure_destroy(world, &uploaded->blas);
+}
+
 static void upload(struct world *world, const struct order *order)
 {
-    struct structure blas = blas_create(world, BLAS, 0);
-    struct buffer target = buffer_create(world, 64, VK_BUFFER_USAGE_TRANSFER_DST_BIT |
-                                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
-    struct buffer own = blas.input;
-    blas.input = target;
-    struct step step = begin(world);
-    step.range = target;
-    vkCmdUpdateBuffer(step.commands, target.handle, 0, 36, own.mapped);
-    between(&step, order);
-    commands_build_one(world, step.commands, &blas);
-    finish(&step);
-    blas.input = own;
-    buffer_destroy(world, &target);
-    structure_destroy(world, &blas);
+    struct uploaded uploaded = upload_begin(world);
+    vkCmdUpdateBuffer(uploaded.step.commands, uploaded.blas.input.handle, 0, 36, uploaded.own.mapped);
+    between(&uploaded.step, order);
+    commands_build_one(world, uploaded.step.commands, &uploaded.blas);
+    upload_finish(world, &uploaded);
 }
 
 /* Two writes that nothing orders, and a build that is ordered after both. */
 static void two_uploads(struct world *world, const struct order *order)
 {
-    struct structure blas = blas_create(world, BLAS, 0);
-    struct buffer target = buffer_create(world, 64, VK_BUFFER_USAGE_TRANSFER_DST_BIT |
-                                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
-    struct buffer own = blas.input;
-    blas.input = target;
-    struct step step = begin(world);
-    step.range = target;
-    vkCmdFillBuffer(step.commands, target.handle, 0, 64, 0);
-    vkCmdUpdateBuffer(step.commands, target.handle, 0, 36, own.mapped);
-    between(&step, order);
-    commands_build_one(world, step.commands, &blas);
-    finish(&step);
-    blas.input = own;
-    buffer_destroy(world, &target);
-    structure_destroy(world, &blas);
+    struct uploaded uploaded = upload_begin(world);
+    vkCmdFillBuffer(uploaded.step.commands, uploaded.blas.input.handle, 0, 64, 0);
+    vkCmdUpdateBuffer(uploaded.step.commands, uploaded.blas.input.handle, 0, 36, uploaded.own.mapped);
+    between(&uploaded.step, order);
+    commands_build_one(world, uploaded.step.commands, &uploaded.blas);
+    upload_finish(world, &uploaded);
 }
 
 static void overwrite(struct world *world, const struct order *order)
 {
-    struct structure blas = blas_create(world, BLAS, 0);
-    struct buffer target = buffer_create(world, 64, VK_BUFFER_USAGE_TRANSFER_DST_BIT |
-                                                        VK_BUFFER_USAGE_ACCELERATION_STRUCTURE_BUILD_INPUT_READ_ONLY_BIT_KHR);
-    struct buffer own = blas.input;
-    blas.input = target;
-    struct step step = begin(world);
-    step.range = target;
-    commands_build_one(world, step.commands, &blas);
-    between(&step, order);
-    vkCmdFillBuffer(step.commands, target.handle, 0, 36, 0);
-    finish(&step);
-    blas.input = own;
-    buffer_destroy(world, &target);
-    structure_destroy(world, &blas);
+    struct uploaded uploaded = upload_begin(world);
+    commands_build_one(world, uploaded.step.commands, &uploaded.blas);
+    between(&uploaded.step, order);
+    vkCmdFillBuffer(uploaded.step.commands, uploaded.blas.input.handle, 0, 36, 0);
+    upload_finish(world, &uploaded);
 }
 
 static void copy(struct world *world, const struct order *order)
