@@ -207,7 +207,9 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_DestroyBuffer(VkDevice handle, VkBuffer buff
     struct gn_device *device = gn_device_of(handle);
     if (buffer) {
         gn_lock(device);
-        buffer_free(device, gn_map_take(&device->buffers, (uint64_t)buffer));
+        struct gn_buffer *known = gn_map_take(&device->buffers, (uint64_t)buffer);
+        device->buffers_gone += known != NULL;
+        buffer_free(device, known);
         gn_unlock(device);
     }
     device->next.DestroyBuffer(handle, buffer, allocator);

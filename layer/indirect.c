@@ -9,6 +9,7 @@
 struct gn_indirect_build {
     VkAccelerationStructureBuildGeometryInfoKHR info; /* of the copies below */
     uint32_t stride, element_count;
+    uint64_t buffers_gone; /* of the device, when it was recorded */
     const uint32_t *maxima;
     VkDeviceSize instances_at, instances_size; /* in the capture; the ranges are at its beginning */
     VkAccelerationStructureGeometryKHR geometries[];
@@ -90,6 +91,7 @@ enum gn_unjudged gn_indirect_capture(struct gn_device *device, const struct gn_c
         gn_captures_free(device, capture);
         return GN_UNJUDGED_out_of_host_memory;
     }
+    build->buffers_gone = device->buffers_gone;
     *out = capture;
     return GN_UNJUDGED_COUNT;
 }
@@ -131,7 +133,10 @@ const struct gn_instance_record *gn_indirect_judge(struct gn_device *device, con
         check_maximum(target, capture->info, g, ranges[g].primitiveCount, build->maxima[g], place, device, out);
         within &= ranges[g].primitiveCount <= build->maxima[g];
     }
-    if (within)
+    /* Once a buffer is gone, its addresses may belong to another one. */
+    if (build->buffers_gone != device->buffers_gone)
+        gn_tally_unjudged(device, GN_UNJUDGED_indirect_builds, 1);
+    else if (within)
         gn_inputs_check(device, &build->info, capture->info, ranges, &faults);
     for (struct gn_fault *fault = faults; fault; fault = fault->next)
         gn_fault_report(device, fault, place, out);

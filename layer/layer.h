@@ -475,6 +475,7 @@ struct gn_device {
     struct gn_map memories; /* VkDeviceMemory -> the first buffer with structures in it */
     struct gn_map set_layouts, pipeline_layouts, sets, set_pools, update_templates, modules, pipelines;
     struct gn_changes changes;
+    uint64_t buffers_gone;   /* destroyed so far: what was known of addresses before may not hold any more */
     struct gn_ranges inputs, others; /* buffers with an address: with build-input usage, and without */
     VkPhysicalDeviceAccelerationStructurePropertiesKHR limits;
     struct gn_map semaphores, fence_clocks, render_passes;

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* What shaders trace rays through: a look over SPIR-V for the descriptors that OpTraceRay and OpRayQueryInitialize read, and whether
  * they do so whatever happens. What is not recognised is not used, as far as this file can tell. */
+#include "checks/spirv/spirv.h"
 #include "layer/sbt.h"
 
 #include <stdlib.h>
@@ -228,6 +229,8 @@ struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count)
 void gn_uses_module_created(struct gn_device *device, VkShaderModule module, const VkShaderModuleCreateInfo *info)
 {
     struct gn_static_uses *uses = gn_static_uses_scan(info->pCode, info->codeSize / 4);
+    if (!uses && gn_spirv_has_queries(info->pCode, info->codeSize / 4))
+        gn_tally_unjudged(device, GN_UNJUDGED_unfollowed_modules, 1);
     if (!uses)
         return;
     gn_lock(device);

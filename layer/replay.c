@@ -506,7 +506,7 @@ void gn_replay_recording(struct gn_replay *replay, struct gn_recording *recordin
         if (event->kind == GN_EVENT_TRACE && event->capture) {
             if (event->capture->pending)
                 settle_early(device, recording, event->capture, replay->findings);
-            gn_sbt_executed(event->capture->sbt);
+            gn_sbt_executed(device, event->capture->sbt);
             expect_judgement(replay, recording, i, event->capture, position);
         }
         if (!event->target)

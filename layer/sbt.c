@@ -29,6 +29,7 @@ static const char *const size_names[] = {"pRaygenShaderBindingTable->size", "pMi
 struct subject {
     struct gn_device *device;
     const struct gn_rays *rays;
+    bool buffers_gone; /* what is known of buffers may not be what was then */
     struct gn_fault *faults;
 };
 
@@ -76,6 +77,8 @@ static void check_part(struct subject *subject, enum gn_sbt_part part, const VkS
             demand(subject, GN_DEMAND_SBT_LIMIT, stride_names[part], region->stride, limits->maxShaderGroupStride, "maxShaderGroupStride",
                    NULL);
     }
+    if (subject->buffers_gone)
+        return;
     if (!gn_buffer_has_usage(subject->device, region->deviceAddress, VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR, &around) && around)
         demand(subject, GN_DEMAND_SBT_USAGE, address_names[part], region->deviceAddress, 0, "VK_BUFFER_USAGE_SHADER_BINDING_TABLE_BIT_KHR",
                around);
@@ -257,8 +260,9 @@ done:
     gn_copies_finish(&copies);
 }
 
-void gn_sbt_executed(struct gn_sbt_capture *sbt)
+void gn_sbt_executed(struct gn_device *device, struct gn_sbt_capture *sbt)
 {
+    sbt->buffers_gone = device->buffers_gone;
     for (uint32_t i = 0; i < sbt->tlas_count; i++)
         gn_as_release(sbt->tlas[i]);
     sbt->tlas_count = 0;
@@ -380,7 +384,8 @@ static bool read_regions(struct gn_device *device, const struct gn_capture *capt
                          struct gn_findings *out)
 {
     const struct gn_sbt_capture *captured = capture->sbt;
-    struct subject subject = {.device = device, .rays = captured->rays};
+    struct subject subject = {
+        .device = device, .rays = captured->rays, .buffers_gone = captured->buffers_gone != device->buffers_gone};
     VkTraceRaysIndirectCommand2KHR command;
     uint64_t invocations, most = device->ray_limits.maxRayDispatchInvocationCount;
     memcpy(&command, capture->bytes, sizeof command);

@@ -32,6 +32,7 @@ struct gn_sbt_capture {
     struct gn_rays *rays;
     bool runs;
     bool indirect; /* the regions are what is copied, not the records */
+    uint64_t buffers_gone; /* of the device, when it was executed */
     struct gn_sbt_region regions[GN_SBT_PARTS];
     VkDeviceSize offsets[GN_SBT_PARTS];
     struct gn_use *use; /* what its shaders trace through; NULL: not known */
@@ -60,7 +61,7 @@ void gn_sbt_trace_indirect(struct gn_device *device, VkCommandBuffer handle, VkD
 /* The records of a region that hold a whole handle. */
 struct gn_sbt_region gn_sbt_region_of(enum gn_sbt_part part, const VkStridedDeviceAddressRegionKHR *region, uint32_t handle_size);
 /* With the device locked: what the trace reads when it is executed; and the judgement once it has completed. */
-void gn_sbt_executed(struct gn_sbt_capture *sbt);
+void gn_sbt_executed(struct gn_device *device, struct gn_sbt_capture *sbt);
 void gn_sbt_judge(struct gn_device *device, const struct gn_capture *capture, const char *place, struct gn_findings *out);
 void gn_sbt_capture_free(struct gn_sbt_capture *sbt);
 

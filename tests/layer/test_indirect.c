@@ -20,7 +20,7 @@ struct subject {
     struct fixture *fixture;
     struct memory *memory;
     VkAccelerationStructureKHR blas, tlas;
-    bool is_blas;
+    bool is_blas, gone; /* gone: the buffer, before its build is judged */
     uint32_t maximum, stride;
     VkBuffer buffer;
 };
@@ -46,7 +46,11 @@ static void subject_build(struct subject *subject)
                                                         .ppGeometries = pointers};
     const uint32_t maxima[] = {subject->maximum, 2}, *all = maxima;
     gn_entry_CmdBuildAccelerationStructuresIndirectKHR(fixture->commands[0], 1, &info, &base, &subject->stride, &all);
+    fence_status = subject->gone ? VK_NOT_READY : VK_SUCCESS;
     submit_one(fixture, 0, 0);
+    fence_status = VK_SUCCESS;
+    if (subject->gone)
+        gn_entry_DestroyBuffer(fixture->handle, subject->buffer, NULL);
     gn_device_collect(fixture->device);
 }
 
@@ -73,6 +77,7 @@ ALTER(misaligned, built_blas(subject);
       memory->ranges[0] = (VkAccelerationStructureBuildRangeInfoKHR){.primitiveCount = 1, .primitiveOffset = 8})
 ALTER(boxes, subject->is_blas = true; memory->ranges[0].primitiveCount = 2)
 ALTER(boxes_beyond, subject->is_blas = true; subject->maximum = 100; memory->ranges[0].primitiveCount = 5)
+ALTER(boxes_beyond_what_is_gone, boxes_beyond(subject); subject->gone = true)
 ALTER(second_above_maximum, boxes(subject); memory->ranges[1].primitiveCount = 3)
 
 static const struct row {
@@ -89,6 +94,7 @@ static const struct row {
     {"misaligned offset", misaligned, "inputs.misaligned"},
     {"boxes", boxes, NULL},
     {"boxes behind the buffer", boxes_beyond, "inputs.beyond_buffer"},
+    {"boxes behind a buffer that is gone", boxes_beyond_what_is_gone, NULL},
     {"more than announced in the second geometry", second_above_maximum, "inputs.limit"},
 };
 
