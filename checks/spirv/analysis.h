@@ -79,6 +79,7 @@ struct root {
     uint32_t storage;       /* class of the pointer: a parameter may lead to a Private variable */
     uint32_t pointee;       /* type */
     uint32_t elements;      /* 1 for a single query; 0 for an array not told apart by element */
+    uint32_t indexed_by;    /* a pointer into an array whose uses all have the index of that one, which counts as a single query; or 0 */
     uint32_t first_object;
     uint32_t group;         /* the root that stands for all that may be the same object */
     bool aliased;           /* reachable under two names at once: nothing is known of its state */
@@ -121,6 +122,7 @@ struct analysis {
     uint32_t *site_of;   /* per instruction; NONE otherwise */
     bool *touches;       /* per function: has sites or parameters that are queries, itself or through calls */
     uint8_t *stages;     /* per function: STAGE_*, of the entry points that reach it */
+    uint32_t *stored_by, index_steps; /* of indices.c */
     bool *names;         /* per function and root: it, or what it calls, names that Private variable itself */
     uint32_t check_count;
 };
@@ -132,6 +134,9 @@ enum gn_spirv_status objects_find(struct analysis *analysis);
 uint32_t pointer_root(const struct analysis *analysis, uint32_t id, uint32_t *indices, uint32_t *out_count);
 /* The object of a pointer, given by objects_find's numbering. */
 uint32_t pointer_object(const struct analysis *analysis, uint32_t id);
+
+/* Whether `count` indices into an array of that function (NONE: of the module) have the same values, which cannot change in its life. */
+bool indices_same(struct analysis *analysis, uint32_t function, const uint32_t *a, const uint32_t *b, uint32_t count);
 
 /* Fills the states of the sites. */
 enum gn_spirv_status flow_run(struct analysis *analysis);

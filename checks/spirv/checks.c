@@ -31,6 +31,8 @@ struct gathered {
     uint32_t conditions[GN_SPIRV_RULE_COUNT]; /* per rule; 0 where not gathered */
     uint32_t any;                             /* their disjunction, 0 while there is none */
     uint32_t operands[GN_RECORD_OPERANDS];    /* 0 for none */
+    const struct ray *ray;                    /* for the rules of a ray, and */
+    uint32_t state;                           /* for those of the protocol, whose conditions are computed only where `any` holds */
 };
 
 static void either(struct writer *writer, uint32_t *any, uint32_t condition)
@@ -63,22 +65,48 @@ static uint32_t state_is(struct writer *writer, uint32_t state, uint32_t mask, u
     return COMPUTE(writer, SpvOpIEqual, type_bool(writer), bits, constant_uint(writer, value));
 }
 
+/* What a rule of the protocol is broken by: (state & mask) == broken. At one operation there is one besides UNINITIALIZED. */
+static const struct state_rule {
+    uint32_t rule, mask, broken;
+} state_rules[] = {
+    {GN_SPIRV_RULE_UNINITIALIZED, INITIALIZED, 0},
+    {GN_SPIRV_RULE_PROCEED_AFTER_FALSE, INITIALIZED | FINISHED, INITIALIZED | FINISHED},
+    {GN_SPIRV_RULE_TERMINATE_AFTER_FALSE, INITIALIZED | FINISHED, INITIALIZED | FINISHED},
+    {GN_SPIRV_RULE_CANDIDATE_NONE, INITIALIZED | CANDIDATE, INITIALIZED},
+    {GN_SPIRV_RULE_CONFIRM_NO_CANDIDATE, INITIALIZED | CANDIDATE, INITIALIZED},
+    {GN_SPIRV_RULE_GENERATE_NO_CANDIDATE, INITIALIZED | CANDIDATE, INITIALIZED},
+    {GN_SPIRV_RULE_COMMITTED_TOO_EARLY, INITIALIZED | FINISHED, INITIALIZED},
+};
+#define STATE_RULE_COUNT (sizeof state_rules / sizeof state_rules[0])
+
+static const struct state_rule *state_rule_of(uint32_t rule)
+{
+    for (size_t i = 0; i < STATE_RULE_COUNT; i++)
+        if (state_rules[i].rule == rule)
+            return &state_rules[i];
+    return NULL;
+}
+
+/* One comparison, whether one or two rules are checked: what breaks neither is INITIALIZED without what breaks the other. Written with an
+ * exclusive or, as the compiler of Mesa 25.0.7 never comes to an end over (state & mask) != fine. */
 static void gather_states(struct writer *writer, const struct site *site, uint32_t state, struct gathered *gathered)
 {
-    static const struct {
-        uint32_t rule, mask, value;
-    } table[] = {
-        {GN_SPIRV_RULE_UNINITIALIZED, INITIALIZED, 0},
-        {GN_SPIRV_RULE_PROCEED_AFTER_FALSE, INITIALIZED | FINISHED, INITIALIZED | FINISHED},
-        {GN_SPIRV_RULE_TERMINATE_AFTER_FALSE, INITIALIZED | FINISHED, INITIALIZED | FINISHED},
-        {GN_SPIRV_RULE_CANDIDATE_NONE, INITIALIZED | CANDIDATE, INITIALIZED},
-        {GN_SPIRV_RULE_CONFIRM_NO_CANDIDATE, INITIALIZED | CANDIDATE, INITIALIZED},
-        {GN_SPIRV_RULE_GENERATE_NO_CANDIDATE, INITIALIZED | CANDIDATE, INITIALIZED},
-        {GN_SPIRV_RULE_COMMITTED_TOO_EARLY, INITIALIZED | FINISHED, INITIALIZED},
-    };
-    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++)
-        if (site->checked >> table[i].rule & 1)
-            gather(writer, gathered, table[i].rule, state_is(writer, state, table[i].mask, table[i].value));
+    const struct state_rule *other = NULL;
+    bool uninitialized = site->checked & RULE_BIT(UNINITIALIZED);
+    gathered->state = state;
+    for (size_t i = 0; i < STATE_RULE_COUNT; i++)
+        if (state_rules[i].rule != GN_SPIRV_RULE_UNINITIALIZED && site->checked >> state_rules[i].rule & 1)
+            other = &state_rules[i];
+    if (uninitialized && other) {
+        uint32_t fine = constant_uint(writer, other->broken ^ other->mask ^ INITIALIZED);
+        uint32_t bits = COMPUTE(writer, SpvOpBitwiseXor, type_uint(writer), state, fine);
+        bits = COMPUTE(writer, SpvOpBitwiseAnd, type_uint(writer), bits, constant_uint(writer, other->mask));
+        either(writer, &gathered->any, COMPUTE(writer, SpvOpINotEqual, type_bool(writer), bits, constant_uint(writer, 0)));
+    } else if (uninitialized) {
+        either(writer, &gathered->any, state_is(writer, state, INITIALIZED, 0));
+    } else if (other) {
+        either(writer, &gathered->any, state_is(writer, state, other->mask, other->broken));
+    }
     if (site->checked & RULE_BIT(PROCEED_LIMIT)) {
         uint32_t limit = writer->analysis->options->proceed_limit;
         uint32_t full = limit < UINT32_MAX / GN_RECORD_STATE_PROCEEDS ? limit * GN_RECORD_STATE_PROCEEDS : UINT32_MAX;
@@ -347,13 +375,20 @@ static void ray_operands(struct writer *writer, const struct ray *ray, uint32_t 
     }
 }
 
-/* Where `gathered->any` holds, leaves records of those of the site's checks that are among `rules`. The conditions of a ray are
- * computed only there. Returns whether the operation would be undefined, 0 if nobody asks. */
-static uint32_t leave(struct writer *writer, const struct site *site, uint64_t rules, struct gathered *gathered, const struct ray *ray,
-                  uint32_t state)
+static uint32_t condition_of(struct writer *writer, const struct site *site, uint32_t rule, const struct gathered *gathered)
+{
+    const struct state_rule *of_state = state_rule_of(rule);
+    if (gathered->ray)
+        return ray_condition(writer, gathered->ray, site->operation->kind == OPERATION_INITIALIZE ? rule : rule - RULES_OF_RAY_TO_TRACE);
+    return of_state ? state_is(writer, gathered->state, of_state->mask, of_state->broken) : gathered->conditions[rule];
+}
+
+/* Where `gathered->any` holds, leaves records of those of the site's checks that are among `rules`. Returns whether the operation would
+ * be undefined, 0 if nobody asks. */
+static uint32_t leave(struct writer *writer, const struct site *site, uint64_t rules, struct gathered *gathered)
 {
     uint32_t uint_ = type_uint(writer), zero = constant_uint(writer, 0), mask = 0, bit = 0;
-    uint32_t to_initialize = site->operation->kind == OPERATION_INITIALIZE ? 0 : RULES_OF_RAY_TO_TRACE, undefined = 0, skip = 0;
+    uint32_t undefined = 0, skip = 0;
     const struct gn_spirv_options *options = writer->analysis->options;
     struct branch wrong;
     branch_begin(writer, gathered->any, &wrong);
@@ -366,14 +401,14 @@ static uint32_t leave(struct writer *writer, const struct site *site, uint64_t r
         if (options->safe && (rule == GN_SPIRV_RULE_PROCEED_LIMIT ||
                               gn_spirv_rule_at(rule)->severity[options->profile] == GN_SEVERITY_ERROR))
             undefined |= own_bit;
-        uint32_t condition = ray ? ray_condition(writer, ray, rule - to_initialize) : gathered->conditions[rule];
+        uint32_t condition = condition_of(writer, site, rule, gathered);
         uint32_t value = COMPUTE(writer, SpvOpSelect, uint_, condition, constant_uint(writer, own_bit), zero);
         mask = mask ? COMPUTE(writer, SpvOpBitwiseOr, uint_, mask, value) : value;
     }
-    if (ray)
-        ray_operands(writer, ray, gathered->operands);
+    if (gathered->ray)
+        ray_operands(writer, gathered->ray, gathered->operands);
     uint32_t call[4 + GN_RECORD_OPERANDS] = {writer->record_function, constant_uint(writer, site->first_check), mask,
-                                             state ? state : zero};
+                                             gathered->state ? gathered->state : zero};
     for (int i = 0; i < GN_RECORD_OPERANDS; i++)
         call[4 + i] = gathered->operands[i] ? gathered->operands[i] : zero;
     compute(writer, SpvOpFunctionCall, type_void(writer), call, 4 + GN_RECORD_OPERANDS);
@@ -388,15 +423,13 @@ static uint32_t leave(struct writer *writer, const struct site *site, uint64_t r
     return branch_phi(writer, &wrong, type_bool(writer), skip, no);
 }
 
-static uint32_t check_ray(struct writer *writer, const struct site *site, uint64_t rules)
+static void gather_ray(struct writer *writer, const struct site *site, uint64_t rules, struct ray *ray, struct gathered *gathered)
 {
     const struct ray_words words = ray_words_of(site->operation);
-    struct gathered gathered = {.any = 0};
-    struct ray ray;
     uint64_t as_initialize = site->operation->kind == OPERATION_INITIALIZE ? rules : rules >> RULES_OF_RAY_TO_TRACE;
-    ray_read(writer, &writer->module->insts[site->inst], &words, &ray);
-    gathered.any = ray_suspicious(writer, &ray, as_initialize);
-    return leave(writer, site, rules, &gathered, &ray, 0);
+    ray_read(writer, &writer->module->insts[site->inst], &words, ray);
+    gathered->any = ray_suspicious(writer, ray, as_initialize);
+    gathered->ray = ray;
 }
 
 /* What a trace says beyond its ray, and the other operations of pipelines. */
@@ -503,39 +536,59 @@ static void gather_positions(struct writer *writer, const struct site *site, str
     }
 }
 
-uint32_t checks_write(struct writer *writer, const struct site *site)
+/* What is not about a ray. */
+static void gather_others(struct writer *writer, const struct site *site, struct gathered *gathered)
 {
     const struct inst *inst = &writer->module->insts[site->inst];
-    const uint64_t of_ray = site->checked & (RULES_OF_INITIALIZE | RULES_OF_TRACED_RAY), others = site->checked & ~of_ray;
-    struct gathered gathered = {.any = 0};
-    writer->no_structure = 0;
-    uint32_t state = 0, skip = of_ray ? check_ray(writer, site, of_ray) : 0;
-    if (!others)
-        return skip;
+    uint32_t state = 0;
     switch (site->operation->kind) {
-    case OPERATION_INITIALIZE: gather_structure(writer, site, 2, gathered.operands, &gathered); break;
+    case OPERATION_INITIALIZE: gather_structure(writer, site, 2, gathered->operands, gathered); break;
     case OPERATION_TRACE:
     case OPERATION_TRACE_MOTION:
-        gather_trace(writer, site, &gathered);
-        if (others & RULES_OF_STRUCTURE)
-            gather_structure(writer, site, 1, gathered.operands + 6, &gathered);
+        gather_trace(writer, site, gathered);
+        if (site->checked & RULES_OF_STRUCTURE)
+            gather_structure(writer, site, 1, gathered->operands + 6, gathered);
         break;
-    case OPERATION_REPORT: gather_report(writer, site, &gathered); break;
-    case OPERATION_CALL: gather_call(writer, site, &gathered); break;
-    case OPERATION_POSITIONS: gather_positions(writer, site, &gathered); break;
+    case OPERATION_REPORT: gather_report(writer, site, gathered); break;
+    case OPERATION_CALL: gather_call(writer, site, gathered); break;
+    case OPERATION_POSITIONS: gather_positions(writer, site, gathered); break;
     default:
         if (checks_need_state(site)) {
-            uint32_t query = inst_word(writer->module, inst, site->operation->query_word);
-            state = shadow_state(writer, query);
-            gather_states(writer, site, state, &gathered);
+            state = shadow_state(writer, inst_word(writer->module, inst, site->operation->query_word));
+            gather_states(writer, site, state, gathered);
         }
-        gather_live(writer, site, state, &gathered);
+        gather_live(writer, site, state, gathered);
     }
+}
+
+uint32_t checks_write(struct writer *writer, const struct site *site)
+{
+    const uint64_t of_ray = site->checked & (RULES_OF_INITIALIZE | RULES_OF_TRACED_RAY), of_others = site->checked & ~of_ray;
+    struct gathered rays = {.any = 0}, others = {.any = 0};
+    struct ray ray;
+    struct branch either_wrong;
+    uint32_t skip = 0, more = 0, no = constant_plain(writer, SpvOpConstantFalse, type_bool(writer));
+    writer->no_structure = 0;
+    if (of_ray)
+        gather_ray(writer, site, of_ray, &ray, &rays);
+    if (of_others)
+        gather_others(writer, site, &others);
     /* What the module alone proves wrong is wrong whenever it is reached. */
     for (uint32_t rule = GN_SPIRV_RULE_TRACE_NAN; rule < GN_SPIRV_RULE_COUNT; rule++)
-        if ((others & site->wrong) >> rule & 1 && !gathered.conditions[rule])
-            gather(writer, &gathered, rule, constant_plain(writer, SpvOpConstantTrue, type_bool(writer)));
-    uint32_t more = leave(writer, site, others, &gathered, NULL, state);
+        if ((of_others & site->wrong) >> rule & 1 && !others.conditions[rule])
+            gather(writer, &others, rule, constant_plain(writer, SpvOpConstantTrue, type_bool(writer)));
+    /* One branch where all is well. */
+    if (of_ray && of_others)
+        branch_begin(writer, both(writer, SpvOpLogicalOr, rays.any, others.any), &either_wrong);
+    if (of_ray)
+        skip = leave(writer, site, of_ray, &rays);
+    if (of_others)
+        more = leave(writer, site, of_others, &others);
+    if (of_ray && of_others) {
+        branch_end(writer, &either_wrong);
+        skip = skip ? branch_phi(writer, &either_wrong, type_bool(writer), skip, no) : 0;
+        more = more ? branch_phi(writer, &either_wrong, type_bool(writer), more, no) : 0;
+    }
     if (site->operation->kind == OPERATION_INITIALIZE)
         writer->no_structure = more;
     return skip && more ? both(writer, SpvOpLogicalOr, skip, more) : skip ? skip : more;

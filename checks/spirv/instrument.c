@@ -37,7 +37,7 @@ static uint32_t mirror_type(struct writer *writer, uint32_t type, uint32_t scala
 static uint32_t mirror_of(struct writer *writer, uint32_t root, enum shadow shadow)
 {
     uint32_t scalar = shadow_is_float(shadow) ? type_float(writer) : type_uint(writer);
-    if (writer->analysis->roots[root].packed && shadow == SHADOW_STATE)
+    if (writer->analysis->roots[root].indexed_by || (writer->analysis->roots[root].packed && shadow == SHADOW_STATE))
         return scalar;
     return mirror_type(writer, writer->analysis->roots[root].pointee, scalar);
 }

@@ -162,7 +162,7 @@ uint32_t pointer_object(const struct analysis *analysis, uint32_t id)
     if (index == NONE)
         return NONE;
     const struct root *root = &analysis->roots[index];
-    if (root->elements == 0)
+    if (root->elements == 0 || root->indexed_by)
         return root->first_object;
     uint32_t element = constant_element(analysis->module, root->pointee, indices, count);
     return element < root->elements ? root->first_object + element : NONE;
@@ -242,10 +242,29 @@ static enum gn_spirv_status find_roots(struct analysis *analysis)
     return GN_SPIRV_UNTOUCHED;
 }
 
-/* An array falls back to one object for all its elements when any use of it is not of one constant element. */
+/* Takes note of a use with indices that are not constant: `first` are those of the first use of the array, if it was one. */
+static void note_index(struct analysis *analysis, struct root *root, uint32_t pointer, const uint32_t *indices, uint32_t count, bool first_use)
+{
+    uint32_t first[MAX_INDICES], first_count = 0;
+    if (first_use && root->parameter == NONE) /* what a parameter stands for is indexed by others too */
+        root->indexed_by = count ? pointer : 0;
+    if (root->indexed_by)
+        pointer_root(analysis, root->indexed_by, first, &first_count);
+    if (!root->indexed_by || first_count != count || !indices_same(analysis, root->function, first, indices, count)) {
+        root->elements = 0;
+        root->indexed_by = 0;
+    }
+}
+
+/* An array falls back to one object for all its elements when any use of it is not of one constant element, unless all uses have one index. */
 static bool uses_are_known(struct analysis *analysis)
 {
     struct module *module = analysis->module;
+    bool *used = arena_alloc(module->arena, analysis->root_count + 1u, sizeof *used);
+    if (!used) {
+        say(module, "out of memory");
+        return false;
+    }
     for (uint32_t i = 0; i < module->inst_count; i++) {
         const struct inst *inst = &module->insts[i];
         const struct operation *operation = operation_of(inst->opcode);
@@ -279,8 +298,10 @@ static bool uses_are_known(struct analysis *analysis)
                 say(module, "the call at word %u passes an element of the array of ray queries %%%u", inst->offset, root->id);
                 return false;
             }
-            if (constant_element(module, root->pointee, indices, count) == NONE)
-                root->elements = 0;
+            bool first_use = !used[r], constant = constant_element(module, root->pointee, indices, count) != NONE;
+            used[r] = true;
+            if (!constant || root->indexed_by)
+                note_index(analysis, root, inst_word(module, inst, w), indices, count, first_use);
         }
         if (operation && operation->query_word &&
             pointer_root(analysis, inst_word(module, inst, operation->query_word), NULL, NULL) == NONE) {
@@ -492,6 +513,9 @@ enum gn_spirv_status objects_find(struct analysis *analysis)
     if (status != GN_SPIRV_UNTOUCHED)
         return status;
     settle_groups(analysis);
+    for (uint32_t i = 0; i < analysis->root_count; i++)
+        if (analysis->roots[i].indexed_by)
+            analysis->roots[i].elements = 1;
     for (uint32_t i = 0; i < analysis->root_count; i++) {
         analysis->roots[i].first_object = analysis->object_count;
         analysis->object_count += analysis->roots[i].elements ? analysis->roots[i].elements : 1;

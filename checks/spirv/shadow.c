@@ -13,7 +13,7 @@ void shadow_pack(struct analysis *analysis, struct root *root)
 {
     const struct inst *type = definition_of(analysis->module, root->pointee);
     uint32_t length = 0;
-    root->packed = type && type->opcode == SpvOpTypeArray && !analysis->options->proceed_limit &&
+    root->packed = type && type->opcode == SpvOpTypeArray && !root->indexed_by && !analysis->options->proceed_limit &&
                    opcode_of(analysis->module, inst_word(analysis->module, type, 2)) == SpvOpTypeRayQueryKHR &&
                    constant_u32(analysis->module, inst_word(analysis->module, type, 3), &length) && length <= PACKED_MAX;
 }
@@ -30,9 +30,9 @@ static uint32_t shadow_pointer(struct writer *writer, uint32_t query, enum shado
     uint32_t root = pointer_root(writer->analysis, query, chain + 1, &count);
     chain[0] = root == NONE ? 0 : writer->shadow_of[shadow][root];
     *out_shift = 0;
-    if (count == 0)
+    const struct root *of = root == NONE ? NULL : &writer->analysis->roots[root];
+    if (count == 0 || of->indexed_by)
         return chain[0];
-    const struct root *of = &writer->analysis->roots[root];
     if (of->packed && shadow == SHADOW_STATE) {
         const struct inst *index = definition_of(writer->module, chain[1]);
         const struct inst *type = index ? definition_of(writer->module, index->type) : NULL;

@@ -1,5 +1,5 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-//! why: each invocation has an element of its own
+//! why: each invocation has an element of its own, always the same: proved as for one query
 //! run: ->
 #version 460
 #extension GL_GOOGLE_include_directive : require
@@ -9,10 +9,10 @@ void main()
     rayQueryEXT q[8];
     START(q[LANE], gl_RayFlagsNoneEXT);
     float t = 0;
-    while (rayQueryProceedEXT(q[LANE])) //~ use.uninitialized? proceed.after_false?
-        if (CANDIDATE(q[LANE]) == AT_TRIANGLE) //~ use.uninitialized? candidate.none?
-            rayQueryConfirmIntersectionEXT(q[LANE]); //~ use.uninitialized? confirm.no_candidate? confirm.not_triangle?
-    if (TYPE(q[LANE]) == TRIANGLE) //~ use.uninitialized?
-        t = rayQueryGetIntersectionTEXT(q[LANE], true); //~ use.uninitialized? committed.none?
+    while (rayQueryProceedEXT(q[LANE]))
+        if (CANDIDATE(q[LANE]) == AT_TRIANGLE)
+            rayQueryConfirmIntersectionEXT(q[LANE]);
+    if (TYPE(q[LANE]) == TRIANGLE)
+        t = rayQueryGetIntersectionTEXT(q[LANE], true);
     SHOW(t);
 }
