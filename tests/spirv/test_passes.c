@@ -24,6 +24,14 @@ static const char *const passes[] = {
     "--replace-invalid-opcode", "--combine-access-chains", "--code-sink", "--trim-capabilities"};
 #define PASS_COUNT (sizeof passes / sizeof passes[0])
 
+/* A pass that has something to say ends the program where nobody listens. */
+static void heard(spv_message_level_t level, const char *source, const spv_position_t *position, const char *message)
+{
+    (void)source, (void)position;
+    if (level <= SPV_MSG_ERROR)
+        print_message("SPIRV-Tools: %s\n", message);
+}
+
 /* The module after a pass, malloc'ed; NULL where the pass does not apply. */
 static uint32_t *pass_run(const char *pass, const uint32_t *words, size_t count, size_t *out_count)
 {
@@ -32,6 +40,7 @@ static uint32_t *pass_run(const char *pass, const uint32_t *words, size_t count,
     spv_binary binary = NULL;
     uint32_t *out = NULL;
     assert_non_null(optimizer);
+    spvOptimizerSetMessageConsumer(optimizer, heard);
     if (strcmp(pass, "-O") == 0)
         spvOptimizerRegisterPerformancePasses(optimizer);
     else if (strcmp(pass, "-Os") == 0)
