@@ -105,6 +105,7 @@ const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve
 const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *curve, enum gn_ref_tier tier);
 
 #define GN_CASE_ERROR_BINS 66
+#define GN_CASE_RENDERED 3
 
 /*
  * What is kept of rays for the other run of a gate, whose driver gets the same ones: where it answers the same, the verdict is
@@ -143,6 +144,9 @@ struct gn_case_result {
      * where the ideal answer is a miss. image_width x image_height, in ray order. */
     uint8_t *image;
     uint32_t image_width, image_height;
+    /* Of a case that renders: PNGs in base64, in the run's arena; the driver's, the exact one, a heat map of their
+     * difference. NULL: none. */
+    const char *rendered[GN_CASE_RENDERED];
     /* Replay of one ray: the nearest primitives that it ideally meets, and how many there are in all. */
     struct gn_ref_hit nearest[8];
     int64_t nearest_count;

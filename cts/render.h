@@ -93,6 +93,15 @@ bool gn_render_driver(struct gn_case_run *run, const struct gn_render_scene *sce
 /* The root of the mean square over all pixels and channels. */
 double gn_render_difference(const struct gn_render_result *a, const struct gn_render_result *b, uint32_t pixel_count);
 
+/* Heat maps are black at no difference and white at this one. */
+#define GN_RENDER_HEAT_FULL 0.1
+/*
+ * A picture as a PNG in base64, in memory of the arena; with `other`, a heat map of how far it is from that. NULL when
+ * memory is short.
+ */
+const char *gn_render_png(struct gn_arena *arena, const struct gn_render_result *of, const struct gn_render_result *other,
+                          uint32_t width, uint32_t height);
+
 /* `gnomon effects` for these scenes. Whether the arguments name one of them. */
 bool gn_command_render_wanted(int argc, char **argv);
 int gn_command_render(int argc, char **argv);

@@ -7,14 +7,9 @@
 #include <stdlib.h>
 #include <string.h>
 
-#include <png.h>
-
 #include "cts/describe.h"
 #include "cts/progress.h"
 #include "cts/report_html_parts.h"
-
-/* The heat map is black at no difference and white at this one. */
-#define HEAT_FULL 0.1
 
 enum { CHART_WIDTH = 380, CHART_HEIGHT = 220, CHART_LEFT = 60, CHART_BOTTOM = 40 };
 
@@ -71,70 +66,19 @@ void gn_render_page_print(const struct gn_render_page *page)
     }
 }
 
-static void put_base64(FILE *file, const uint8_t *bytes, size_t length)
-{
-    static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
-    for (size_t i = 0; i < length; i += 3) {
-        const size_t rest = length - i;
-        const uint32_t word = (uint32_t)bytes[i] << 16 | (rest > 1 ? (uint32_t)bytes[i + 1] << 8 : 0) | (rest > 2 ? bytes[i + 2] : 0);
-        fputc(digits[word >> 18], file);
-        fputc(digits[word >> 12 & 63], file);
-        fputc(rest > 1 ? digits[word >> 6 & 63] : '=', file);
-        fputc(rest > 2 ? digits[word & 63] : '=', file);
-    }
-}
-
-static uint8_t byte_of(double value)
-{
-    return value <= 0 ? 0 : value >= 1 ? 255 : (uint8_t)lround(255 * value);
-}
-
-/* sRGB's curve, after what is brighter than the screen has been bent down. */
-static uint8_t shown(double light)
-{
-    const double bent = light < 0 ? 0 : light / (1 + 0.25 * light);
-    return byte_of(bent <= 0.0031308 ? 12.92 * bent : 1.055 * pow(bent, 1 / 2.4) - 0.055);
-}
-
-/* Black, red, yellow, white. */
-static void heat(double share, uint8_t out[3])
-{
-    out[0] = byte_of(3 * share);
-    out[1] = byte_of(3 * share - 1);
-    out[2] = byte_of(3 * share - 2);
-}
-
 /* A picture, or with `other` how far it is from that. False when it cannot be encoded. */
 static bool put_picture(FILE *file, const struct gn_render_page *page, const struct gn_render_result *of,
                         const struct gn_render_result *other, const char *caption)
 {
-    const uint32_t count = page->options.width * page->options.height;
-    png_image image = {.version = PNG_IMAGE_VERSION, .width = page->options.width, .height = page->options.height,
-                       .format = PNG_FORMAT_RGB};
-    uint8_t *bytes = malloc(3 * (size_t)count), *png = NULL;
-    png_alloc_size_t size = 0;
-    bool ok = bytes != NULL;
-    for (uint32_t i = 0; i < count && ok; i++) {
-        double most = 0;
-        for (int c = 0; c < 3; c++) {
-            bytes[3 * i + c] = shown((double)of->pixels[i][c]);
-            if (other)
-                most = fmax(most, fabs((double)of->pixels[i][c] - (double)other->pixels[i][c]));
-        }
-        if (other)
-            heat(most / HEAT_FULL, &bytes[3 * i]);
-    }
-    ok = ok && png_image_write_to_memory(&image, NULL, &size, 0, bytes, 0, NULL) && (png = malloc(size)) != NULL &&
-         png_image_write_to_memory(&image, png, &size, 0, bytes, 0, NULL);
-    if (ok) {
-        fprintf(file, "<figure><img alt=\"\" width=\"%u\" height=\"%u\" src=\"data:image/png;base64,", page->options.width,
-                page->options.height);
-        put_base64(file, png, size);
-        fprintf(file, "\"><figcaption>%s</figcaption></figure>\n", caption);
-    }
-    free(png);
-    free(bytes);
-    return ok;
+    struct gn_arena arena = {0};
+    const char *png = gn_render_png(&arena, of, other, page->options.width, page->options.height);
+    if (png)
+        fprintf(file,
+                "<figure><img alt=\"\" width=\"%u\" height=\"%u\" src=\"data:image/png;base64,%s\"><figcaption>%s</figcaption>"
+                "</figure>\n",
+                page->options.width, page->options.height, png, caption);
+    gn_arena_finish(&arena);
+    return png != NULL;
 }
 
 static void put_effects(FILE *file, const struct gn_render_page *page)
@@ -223,7 +167,7 @@ static bool put_body(FILE *file, const struct gn_render_page *page)
         char caption[160];
         ok = put_picture(file, page, &page->driver, NULL, "The driver&rsquo;s rays");
         ok = put_picture(file, page, &page->reference, NULL, "The exact rays") && ok;
-        snprintf(caption, sizeof caption, "The difference: white is %g or more; %.3g in the root of the mean square", HEAT_FULL,
+        snprintf(caption, sizeof caption, "The difference: white is %g or more; %.3g in the root of the mean square", GN_RENDER_HEAT_FULL,
                  page->picture_error);
         ok = put_picture(file, page, &page->driver, &page->reference, caption) && ok;
         fprintf(file, "</div>\n<h2>The driver&rsquo;s rays, one by one</h2>\n<p>");

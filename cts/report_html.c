@@ -86,8 +86,22 @@ static void put_head(FILE *file, const struct gn_results *results)
     fputs(gn_html_style, file);
     fputs("</style></head>\n<body><main>\n<h1>Gnomon, ray tracing conformance</h1>\n", file);
 
-    fprintf(file, "<div class=\"verdict %s\">", exit_status == 0 ? "ok" : exit_status == 1 ? "no" : "meh");
+    /* Green is for a driver that is right, not for one whose faults are known. */
+    const bool known = exit_status == 0 && totals.expected_failures > 0;
+    fprintf(file, "<div class=\"verdict %s\">", exit_status == 1 ? "no" : exit_status == 0 && !known ? "ok" : "meh");
     text(file, verdict);
+    if (known) {
+        uint64_t wrong = 0;
+        for (size_t i = 0; i < results->count; i++)
+            wrong += results->cases[i].outcome == GN_OUTCOME_EXPECTED_FAILURE
+                         ? results->cases[i].class_counts[GN_REF_WRONG] + results->cases[i].class_counts[GN_REF_LEAK] +
+                               results->cases[i].class_counts[GN_REF_DOUBLE_HIT]
+                         : 0;
+        fprintf(file, "<small><b>As expected, but not right:</b> %s case%s of this driver %s known to go wrong, with %s ray%s; "
+                      "nothing else did. <a href=\"#expected\">Which, and why</a></small>",
+                grouped(totals.expected_failures), totals.expected_failures == 1 ? "" : "s",
+                totals.expected_failures == 1 ? "is" : "are", grouped(wrong), wrong == 1 ? "" : "s");
+    }
     fputs("<small>", file);
     text(file, run->device.name);
     fprintf(file, " answered %s rays: %s exactly right, %s allowed by the rounding of floating point, ",
@@ -167,6 +181,7 @@ struct family_median {
 
 struct family {
     const char *name;
+    const char *backend; /* of its cases' names, which begin with it; NULL: none */
     uint64_t cases, by_status[GN_CASE_STATUS_COUNT], rays, ideal_hits, classes[GN_REF_VERDICT_CLASS_COUNT];
     double p999, max;
     struct family_median *medians; /* of its cases */
@@ -221,6 +236,8 @@ static void put_family(FILE *file, const struct family *f, uint64_t all_rays, bo
     double median = family_median(f);
     fprintf(file, "<tr%s><td>", total ? " class=total" : "");
     text(file, f->name);
+    if (f->backend)
+        fprintf(file, " <span class=\"soft small\">%.*s</span>", (int)strcspn(f->backend, "."), f->backend);
     fprintf(file, "</td><td class=n>%s</td><td>", grouped(f->cases));
     const char *separator = "";
     for (int s = 0; s < GN_CASE_STATUS_COUNT; s++) {
@@ -264,7 +281,9 @@ static void put_families(FILE *file, const struct gn_results *results)
             gn_ref_verdict_bound());
     /* The cases are sorted by name, so a family's follow one another. */
     for (size_t i = 0; i < results->count;) {
-        struct family family = {.name = results->cases[i].family};
+        const struct gn_results_case *first = &results->cases[i];
+        const bool prefixed = strncmp(first->name, first->family, strlen(first->family)) != 0;
+        struct family family = {.name = first->family, .backend = prefixed ? first->name : NULL};
         size_t j = i;
         for (; j < results->count && strcmp(results->cases[j].family, family.name) == 0; j++)
             family_add(&family, &results->cases[j]);
@@ -275,6 +294,36 @@ static void put_families(FILE *file, const struct gn_results *results)
     put_family(file, &all, all.rays, true);
     free(all.medians);
     fputs("</tbody></table></div>\n", file);
+}
+
+/* The pictures of the cases that render, beside the exact ones. */
+static void put_rendered(FILE *file, const struct gn_results *results)
+{
+    static const char *const captions[GN_CASE_RENDERED] = {"The driver&rsquo;s rays", "The exact rays",
+                                                          "The difference: black is none, white is a tenth or more"};
+    bool any = false;
+    for (size_t i = 0; i < results->count; i++) {
+        const struct gn_results_case *cs = &results->cases[i];
+        if (!cs->rendered[0][0])
+            continue;
+        if (!any)
+            fputs("<h2>Rendered scenes</h2>\n<p>Whole pictures, wave by wave of rays: each of the driver&rsquo;s answers is "
+                  "judged, and shaded like the exact ones.</p>\n",
+                  file);
+        any = true;
+        fputs("<p>", file);
+        put_badge(file, cs);
+        fputs(" <b>", file);
+        text(file, cs->name);
+        fprintf(file, "</b> <span class=\"soft small\">%s rays, %s of them exact</span></p>\n<div class=pictures>",
+                grouped(cs->rays), share(cs->class_counts[GN_REF_EXACT], cs->rays));
+        for (int p = 0; p < GN_CASE_RENDERED; p++) {
+            fprintf(file, "<figure><img alt=\"%s\" src=\"data:image/png;base64,", captions[p]);
+            text(file, cs->rendered[p]);
+            fprintf(file, "\"><figcaption>%s</figcaption></figure>", captions[p]);
+        }
+        fputs("</div>\n", file);
+    }
 }
 
 static void put_answers(FILE *file, const struct gn_case_offender *offender)
@@ -440,7 +489,8 @@ static void put_cases_of(FILE *file, const struct gn_results *results, const cha
         total += results->cases[i].outcome == outcome;
     if (!total)
         return;
-    fprintf(file, "<h2>%s (%zu)</h2>\n<p>%s</p>\n", title, total, introduction);
+    fprintf(file, "<h2%s>%s (%zu)</h2>\n<p>%s</p>\n", outcome == GN_OUTCOME_EXPECTED_FAILURE ? " id=expected" : "", title,
+            total, introduction);
     for (size_t s = 0; s < sizeof order / sizeof order[0]; s++)
         for (size_t i = 0; i < results->count; i++)
             if (results->cases[i].outcome == outcome && results->cases[i].status == order[s])
@@ -620,6 +670,7 @@ bool gn_results_html_write(const struct gn_results *results, const char *out, co
     }
     put_head(file, results);
     put_families(file, results);
+    put_rendered(file, results);
     put_meaning(file);
     put_failures(file, results, out);
     gn_html_curves(file, results);

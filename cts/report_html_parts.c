@@ -23,7 +23,7 @@ const char gn_html_style[] =
     "main{max-width:1180px;margin:0 auto;padding:24px 20px 80px}h1{font-size:17px;margin:0;color:var(--soft);"
     "font-weight:600}h2{font-size:21px;margin:44px 0 6px}h3{font-size:16px;margin:0}p{margin:6px 0 "
     "12px;max-width:75ch}\n"
-    "code,.mono{font-family:ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;font-size:.9em}\n"
+    "a{color:inherit}code,.mono{font-family:ui-monospace,SFMono-Regular,Menlo,Consolas,monospace;font-size:.9em}\n"
     ".verdict{margin:12px 0 18px;padding:18px "
     "20px;border-radius:10px;font-size:25px;font-weight:650;line-height:1.3}\n"
     ".verdict small{display:block;font-size:15px;font-weight:400;margin-top:6px;color:var(--text)}\n"
@@ -32,9 +32,9 @@ const char gn_html_style[] =
     ".facts{display:grid;grid-template-columns:max-content 1fr;gap:2px 16px;margin:0}.facts "
     "dt{color:var(--soft)}"
     ".facts dd{margin:0;overflow-wrap:anywhere}\n"
-    ".tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(150px,1fr));gap:10px;margin:18px 0}\n"
-    ".tile{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:10px 14px}"
-    ".tile b{display:block;font-size:22px;font-weight:650}.tile span{color:var(--soft);font-size:13px}\n"
+    ".tiles{display:grid;grid-template-columns:repeat(auto-fit,minmax(158px,1fr));gap:10px;margin:18px 0}\n"
+    ".tile{background:var(--card);border:1px solid var(--line);border-radius:8px;padding:10px 14px;overflow-wrap:anywhere}"
+    ".tile b{display:block;font-size:22px;font-weight:650;font-variant-numeric:tabular-nums;white-space:nowrap}.tile span{color:var(--soft);font-size:13px}\n"
     ".tile.no b{color:var(--bad)}.tile.no{background:var(--badbg)}.tile.meh b{color:var(--warn)}\n"
     "table{border-collapse:collapse;background:var(--card);border:1px solid "
     "var(--line);font-size:14px;width:100%}\n"
@@ -56,6 +56,8 @@ const char gn_html_style[] =
     "@media(min-width:820px){.body.pic{grid-template-columns:max-content minmax(0,1fr)}}\n"
     ".body img{image-rendering:pixelated;border:1px solid "
     "var(--line);display:block;max-width:100%;height:auto}"
+    ".pictures{display:flex;flex-wrap:wrap;gap:6px 16px}.pictures img{width:288px;max-width:100%;height:auto;"
+    "image-rendering:pixelated;border:1px solid var(--line);display:block}"
     "figure{margin:4px 0}figcaption{font-size:13px;color:var(--soft);max-width:340px;margin-top:6px}\n"
     ".body table{margin:8px 0;width:auto}td.diff{background:var(--mark);font-weight:650}\n"
     "pre,.copy{background:var(--code);border-radius:6px;padding:7px 11px;margin:6px 0;overflow-x:auto;"
@@ -176,18 +178,24 @@ void gn_html_error_bar(FILE *file, double median, double p999, double max, doubl
 #undef AT
 }
 
-static void put_base64(FILE *file, const unsigned char *data, size_t length)
+size_t gn_base64_length(size_t length)
+{
+    return (length + 2) / 3 * 4;
+}
+
+void gn_base64(const uint8_t *data, size_t length, char *out)
 {
     static const char digits[] = "ABCDEFGHIJKLMNOPQRSTUVWXYZabcdefghijklmnopqrstuvwxyz0123456789+/";
     for (size_t i = 0; i < length; i += 3) {
-        size_t n = length - i < 3 ? length - i : 3;
-        unsigned word =
-            (unsigned)data[i] << 16 | (n > 1 ? (unsigned)data[i + 1] << 8 : 0) | (n > 2 ? data[i + 2] : 0);
-        fputc(digits[word >> 18], file);
-        fputc(digits[word >> 12 & 63], file);
-        fputc(n > 1 ? digits[word >> 6 & 63] : '=', file);
-        fputc(n > 2 ? digits[word & 63] : '=', file);
+        const size_t n = length - i;
+        const uint32_t word =
+            (uint32_t)data[i] << 16 | (n > 1 ? (uint32_t)data[i + 1] << 8 : 0) | (n > 2 ? data[i + 2] : 0);
+        *out++ = digits[word >> 18];
+        *out++ = digits[word >> 12 & 63];
+        *out++ = n > 1 ? digits[word >> 6 & 63] : '=';
+        *out++ = n > 2 ? digits[word & 63] : '=';
     }
+    *out = 0;
 }
 
 bool gn_html_picture(FILE *file, const char *folder, const struct gn_results_case *cs)
@@ -208,7 +216,12 @@ bool gn_html_picture(FILE *file, const char *folder, const struct gn_results_cas
         width = 480;
     fprintf(file, "<img width=%u alt=\"one pixel per ray, coloured by verdict\" src=\"data:image/png;base64,",
             width);
-    put_base64(file, (const unsigned char *)data, length);
+    char *encoded = malloc(gn_base64_length(length) + 1);
+    if (encoded) {
+        gn_base64((const uint8_t *)data, length, encoded);
+        fputs(encoded, file);
+    }
+    free(encoded);
     fputs("\">", file);
     free(data);
     return true;

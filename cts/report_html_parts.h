@@ -14,6 +14,10 @@ extern const char gn_html_script[];
  * here. */
 void gn_html_text(FILE *file, const char *text);
 
+/* Base64 of bytes, as data URLs have it: the characters that it takes, and the text with its zero. */
+size_t gn_base64_length(size_t length);
+void gn_base64(const uint8_t *data, size_t length, char *out);
+
 /* The classes of rays as a stacked bar, inline SVG. A class that is there at all is at least a sliver. */
 void gn_html_class_bar(FILE *file, const uint64_t counts[GN_REF_VERDICT_CLASS_COUNT]);
 /* A swatch and the class's name. */

@@ -79,6 +79,8 @@ struct gn_results_case *gn_results_add(struct gn_results *results, const struct 
     cs->output = keep(results, source->output);
     cs->picture = keep(results, source->picture);
     cs->replay = keep(results, source->replay);
+    for (int i = 0; i < GN_CASE_RENDERED; i++)
+        cs->rendered[i] = keep(results, source->rendered[i]);
     cs->expected = keep(results, source->expected);
     cs->expected_reason = keep(results, source->expected_reason);
     cs->expected_place = keep(results, source->expected_place);

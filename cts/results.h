@@ -40,6 +40,7 @@ struct gn_results_case {
     struct gn_case_offender offender;
     const char *picture;                    /* below the output folder: "images/NAME.png", or "" */
     uint32_t picture_width, picture_height; /* rays */
+    const char *rendered[GN_CASE_RENDERED]; /* as in gn_case_result; "" where there are none */
     const char *replay;                     /* below the output folder: "replay/NAME.json", or "" */
     uint32_t worker, position; /* the number of the process that ran it, from 1 (0: none did), and how many it had run before */
     enum gn_results_outcome outcome;

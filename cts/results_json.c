@@ -306,6 +306,11 @@ char *gn_results_case_encode(const struct gn_results_case *cs, size_t *out_lengt
         put_uint(doc, root, "picture_width", cs->picture_width);
         put_uint(doc, root, "picture_height", cs->picture_height);
     }
+    if (cs->rendered[0] && cs->rendered[0][0]) {
+        yyjson_mut_val *rendered = yyjson_mut_obj_add_arr(doc, root, "rendered");
+        for (int i = 0; i < GN_CASE_RENDERED; i++)
+            yyjson_mut_arr_add_strcpy(doc, rendered, cs->rendered[i] ? cs->rendered[i] : "");
+    }
     if (cs->replay && cs->replay[0])
         put_text(doc, root, "replay", cs->replay);
     if (cs->has_offender)
@@ -521,6 +526,11 @@ bool gn_results_case_decode(const char *text, size_t length, struct gn_arena *ar
     out->output = get_text(root, "output", arena);
     out->picture = get_text(root, "picture", arena);
     out->replay = get_text(root, "replay", arena);
+    yyjson_val *rendered = yyjson_obj_get(root, "rendered");
+    for (size_t i = 0; i < GN_CASE_RENDERED; i++) {
+        const char *png = yyjson_get_str(yyjson_arr_get(rendered, i));
+        out->rendered[i] = gn_arena_printf(arena, "%s", png ? png : "");
+    }
     out->outcome = gn_case_status_is_failure(out->status) ? GN_OUTCOME_UNEXPECTED : GN_OUTCOME_AS_EXPECTED;
     yyjson_val *offender = yyjson_obj_get(root, "offender");
     if (yyjson_is_obj(offender)) {

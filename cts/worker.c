@@ -59,6 +59,7 @@ void gn_worker_result(const char *name, const struct gn_case *self, const struct
         .has_offender = r->has_offender,
         .offender = r->offender,
     };
+    memcpy(out->rendered, r->rendered, sizeof out->rendered);
     memcpy(out->class_counts, r->class_counts, sizeof out->class_counts);
     memcpy(out->hit_error_bins, r->hit_error_bins, sizeof out->hit_error_bins);
     if (gn_case_status_is_failure(r->status) && r->image && r->image_width && r->image_height) {

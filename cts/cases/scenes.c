@@ -13,7 +13,7 @@ static void picture(struct gn_case_run *run, const struct gn_case *self)
     const char *name = self->params;
     struct gn_render_scene scene;
     struct gn_render_plan plan;
-    struct gn_render_result planned, forced;
+    struct gn_render_result planned, forced, exact;
     const uint32_t width = 96, height = gn_ray_count(run, 64) < 64 ? 16 : 64;
     struct gn_render_options options = {width, height, 4, 4, 0};
     gn_render_make(&run->arena, name, &scene);
@@ -23,6 +23,12 @@ static void picture(struct gn_case_run *run, const struct gn_case *self)
     for (int e = 0; e < GN_RENDER_EFFECT_COUNT; e++)
         gn_case_check(run, (plan.called >> e & 1) || planned.rays[e] == 0, "%llu %s, although %s",
                       (unsigned long long)planned.rays[e], gn_render_effect_counted((enum gn_render_effect)e), plan.why[e]);
+    if (gn_render_reference(&run->arena, &scene, &options, &exact)) {
+        const char **rendered = run->result.rendered;
+        rendered[0] = gn_render_png(&run->arena, &planned, NULL, width, height);
+        rendered[1] = gn_render_png(&run->arena, &exact, NULL, width, height);
+        rendered[2] = gn_render_png(&run->arena, &planned, &exact, width, height);
+    }
     /* What runs although nothing calls for it changes nothing. */
     options.forced = (1u << GN_RENDER_EFFECT_COUNT) - 1;
     if (!gn_render_driver(run, &scene, &options, false, &forced))
