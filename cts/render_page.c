@@ -84,7 +84,7 @@ static bool put_picture(FILE *file, const struct gn_render_page *page, const str
 static void put_effects(FILE *file, const struct gn_render_page *page)
 {
     char count[32];
-    fprintf(file, "<h2>Effects</h2>\n<table><tr><th>effect<th>called for<th>counted<th>if forced<th>picture<th>why</tr>\n");
+    fprintf(file, "<h2>Effects</h2>\n<div class=wide><table><tr><th>effect<th>called for<th>counted<th>if forced<th>picture<th>why</tr>\n");
     for (int e = 0; e < GN_RENDER_EFFECT_COUNT; e++) {
         const bool called = page->plan.called >> e & 1;
         fprintf(file, "<tr><td>%s<td>%s<td>%s %s", gn_render_effect_name((enum gn_render_effect)e), called ? "yes" : "no",
@@ -101,7 +101,7 @@ static void put_effects(FILE *file, const struct gn_render_page *page)
         gn_html_text(file, page->plan.why[e]);
         fprintf(file, "</tr>\n");
     }
-    fprintf(file, "</table>\n");
+    fprintf(file, "</table></div>\n");
 }
 
 /* Error over time, both logarithmic, a labelled dot for each value. */
@@ -117,7 +117,7 @@ static void put_curve(FILE *file, const struct gn_render_curve *curve, const cha
             high[a] = fmax(high[a], at[a]);
         }
     }
-    fprintf(file, "<figure><svg viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" font-size=\"11\">\n<title>%s</title>\n",
+    fprintf(file, "<figure><svg style=\"max-width:100%%;height:auto\" viewBox=\"0 0 %d %d\" width=\"%d\" height=\"%d\" role=\"img\" font-size=\"11\">\n<title>%s</title>\n",
             CHART_WIDTH, CHART_HEIGHT, CHART_WIDTH, CHART_HEIGHT, title);
     fprintf(file, "<path d=\"M%d 10V%dH%d\" fill=\"none\" stroke=\"currentColor\"/>\n", CHART_LEFT,
             CHART_HEIGHT - CHART_BOTTOM, CHART_WIDTH - 10);
