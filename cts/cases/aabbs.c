@@ -254,7 +254,7 @@ static void list(struct gn_case_run *run, const struct gn_case *self)
             gn_transform_general(random, 0.5, 1.5, 0.5, 3, i & 1, instances[i].transform);
     }
     struct gn_cts_scene scene = gn_scene_make(&blas, 1, instances, instance_count);
-    uint32_t count = gn_ray_count(run, 16384);
+    uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2, true, rays, count);
     for (uint32_t i = 0; i < count; i++) {

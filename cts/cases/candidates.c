@@ -122,7 +122,7 @@ static void candidates(struct gn_case_run *run, const struct gn_case *self)
         instances[instance_count++] = gn_instance_of(1, NULL);
     struct gn_cts_scene scene = gn_scene_make(blases, params->boxes ? 2 : 1, instances, instance_count);
 
-    uint32_t count = gn_ray_count(run, 16384);
+    uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     if (params->shape == LAYERS)
         gn_ladder_rays(random, boxes, RUNGS, true, rays, count);
