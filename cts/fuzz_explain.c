@@ -194,7 +194,7 @@ static void explain_primitives(const struct gn_fuzz_trial *trial, const struct g
 {
     const struct gn_cts_scene *scene = &trial->scene;
     uint32_t shown = 0;
-    printf("\n3. Each primitive, exactly (signs and values; w are world-space corners less the origin, d the direction)\n");
+    printf("\n3. Each primitive, exactly (signs and values; d is the ray's direction, n the normal)\n");
     for (uint32_t i = 0; i < scene->instance_count; i++) {
         const struct gn_cts_instance *instance = &scene->instances[i];
         if (instance->blas == GN_CTS_NO_BLAS) {
@@ -286,6 +286,64 @@ done:
     gn_built_scene_destroy(built);
 }
 
+/* How a geometry is given to the driver, where that is not the plainest way. */
+static void print_given(uint32_t g, const struct gn_cts_geometry *geometry)
+{
+    const struct {
+        const char *name;
+        uint32_t value;
+    } numbers[] = {
+        {"firstVertex", geometry->first_vertex},
+        {"primitiveOffset", geometry->primitive_offset},
+        {"vertex stride", geometry->vertex_stride},
+        {"box stride", geometry->aabb_stride},
+        {"bytes before the vertices", geometry->vertex_offset},
+        {"bytes before the indices or boxes", geometry->data_offset},
+        {"transformOffset", geometry->transform ? geometry->transform_offset : 0},
+    };
+    const bool triangles = geometry->type == GN_REF_TRIANGLES;
+    const uint32_t count = triangles ? geometry->triangle_count : geometry->aabb_count;
+    printf("   geometry %u: %u %s", g, count, triangles ? (count == 1 ? "triangle" : "triangles") : count == 1 ? "box" : "boxes");
+    if (triangles && geometry->vertex_format)
+        printf(", VkFormat %d", (int)geometry->vertex_format);
+    if (triangles)
+        printf(", %s",
+               geometry->index_none                               ? "no indices"
+               : geometry->index_type == VK_INDEX_TYPE_UINT8_KHR ? "8-bit indices"
+               : geometry->index_uint32                           ? "32-bit indices"
+                                                                  : "16-bit indices where they fit");
+    for (size_t i = 0; i < sizeof numbers / sizeof numbers[0]; i++)
+        if (numbers[i].value)
+            printf(", %s %u", numbers[i].name, numbers[i].value);
+    if (geometry->transform)
+        printf(", with a transform");
+    if (geometry->initial_positions || geometry->initial_aabbs || geometry->initial_transform)
+        printf(", first built from other data");
+    printf("\n");
+}
+
+/* The kind is named by what the whole scene needed; what was reduced may need less. */
+static void print_left_behind(const struct gn_fuzz_file *file)
+{
+    struct gn_arena arena = {0};
+    const char *separator = "its name has what the whole scene needed; reduced, it is without ";
+    for (uint32_t i = 0; i < GN_FUZZ_INGREDIENT_COUNT; i++) {
+        struct gn_fuzz_trial without;
+        const char *name = gn_fuzz_ingredient_name((enum gn_fuzz_ingredient)i), *place = strchr(file->kind, '.');
+        const size_t length = strlen(name);
+        /* A word of the list behind the dot. */
+        while (place && (place = strstr(place + 1, name)) && place[length] && place[length] != '+') {
+        }
+        if (!place || gn_fuzz_without(&arena, &file->trial, (enum gn_fuzz_ingredient)i, &without))
+            continue;
+        printf("%s%s", separator, name);
+        separator = ", ";
+    }
+    if (separator[0] == ',')
+        printf("\n");
+    gn_arena_finish(&arena);
+}
+
 int gn_fuzz_explain(const struct gn_fuzz_file *file, struct gn_device *device)
 {
     static const char *const steps[] = {"", "refit", "refit into another", "rebuild", "compact", "clone", "serialize"};
@@ -296,6 +354,7 @@ int gn_fuzz_explain(const struct gn_fuzz_file *file, struct gn_device *device)
     printf("%s: trial %" PRIu64 " of seed %" PRIu64 ", reduced\n", file->kind, file->number, file->seed);
     printf("recorded on %s: %s\nnow on %s, %s %s, through %s\n", file->device, file->message, info->name,
            info->driver_name, info->driver_info, gn_case_backend_name(trial->backend));
+    print_left_behind(file);
     fflush(stdout);
     for (uint32_t b = 0; b < trial->scene.blas_count; b++) {
         const struct gn_cts_blas *blas = &trial->scene.blases[b];
@@ -304,6 +363,8 @@ int gn_fuzz_explain(const struct gn_fuzz_file *file, struct gn_device *device)
         for (uint32_t s = 0; s < GN_CTS_MAX_STEPS && blas->steps[s] != GN_CTS_STEP_END; s++)
             printf(", then %s", steps[blas->steps[s]]);
         printf("\n");
+        for (uint32_t g = 0; g < blas->geometry_count; g++)
+            print_given(g, &blas->geometries[g]);
     }
     printf("TLAS: %u instance%s, build flags 0x%X", trial->scene.instance_count, trial->scene.instance_count == 1 ? "" : "s",
            trial->scene.tlas_build_flags);
