@@ -890,7 +890,7 @@ static void limit_alignment(VkPhysicalDeviceAccelerationStructurePropertiesKHR *
 /* Traversal: operands of initialising a query and of tracing a ray, then what is read back. */
 
 #define ON_RAYS(query_word, trace_word, change, value)                                                       \
-    {{SpvOpRayQueryInitializeKHR, query_word, 0, change, value}, {SpvOpTraceRayKHR, trace_word, 0, change, value}}
+    {{SpvOpRayQueryInitializeKHR, query_word, 0, change, value, 0}, {SpvOpTraceRayKHR, trace_word, 0, change, value, 0}}
 /* Factors for the ends of the range; 0 and infinity stay what they are. 1 - 2^-24 moves any float by one step. */
 #define JUST_BELOW 0x3F7FFFFF
 #define JUST_ABOVE 0x3F800001
@@ -898,7 +898,7 @@ static void limit_alignment(VkPhysicalDeviceAccelerationStructurePropertiesKHR *
 #define CLEARLY_ABOVE 0x3F800080
 #define FLAGS(change, value) ON_RAYS(3, 2, change, value)
 #define READ(opcode, builtin, change, value)                                                                 \
-    {{opcode, 0, 0, change, value}, {SpvOpLoad, 0, builtin, change, value}}
+    {{opcode, 0, 0, change, value, 0}, {SpvOpLoad, 0, builtin, change, value, 0}}
 
 #define IN_STAGE(model) {{SpvOpRayQueryInitializeKHR, 3, 0, GN_FAULT_AND, 0, 1 + (model)}}
 
@@ -1049,29 +1049,29 @@ static const struct gn_fault faults[] = {
            IN_STAGE(SpvExecutionModelRayGenerationKHR)),
     SHADER("stages.closest_hit", "ray queries in closest-hit shaders have no flags",
            IN_STAGE(SpvExecutionModelClosestHitKHR)),
-    SHADER("shader.confirm", "confirming a candidate has no effect", {{SpvOpRayQueryConfirmIntersectionKHR, 1, 0, GN_FAULT_REMOVE, 0}}),
+    SHADER("shader.confirm", "confirming a candidate has no effect", {{SpvOpRayQueryConfirmIntersectionKHR, 1, 0, GN_FAULT_REMOVE, 0, 0}}),
     SHADER("shader.generate", "a generated hit lies 256 steps further",
-           {{SpvOpRayQueryGenerateIntersectionKHR, 2, 0, GN_FAULT_ADD_ULPS, 256},
-            {SpvOpReportIntersectionKHR, 3, 0, GN_FAULT_ADD_ULPS, 256}}),
+           {{SpvOpRayQueryGenerateIntersectionKHR, 2, 0, GN_FAULT_ADD_ULPS, 256, 0},
+            {SpvOpReportIntersectionKHR, 3, 0, GN_FAULT_ADD_ULPS, 256, 0}}),
     SHADER("hit.t", "t is 256 steps too large", READ(SpvOpRayQueryGetIntersectionTKHR, SpvBuiltInRayTmaxKHR, GN_FAULT_ADD_ULPS, 256)),
     SHADER("hit.t_of_candidate", "the committed t is the candidate's",
-           {{SpvOpRayQueryGetIntersectionTKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0}}),
+           {{SpvOpRayQueryGetIntersectionTKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0, 0}}),
     SHADER("hit.ids_of_candidate", "the committed ids are the candidate's",
-           {{SpvOpRayQueryGetIntersectionPrimitiveIndexKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0},
-            {SpvOpRayQueryGetIntersectionInstanceCustomIndexKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0}}),
+           {{SpvOpRayQueryGetIntersectionPrimitiveIndexKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0, 0},
+            {SpvOpRayQueryGetIntersectionInstanceCustomIndexKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0, 0}}),
     SHADER("hit.barycentrics_swapped", "the barycentrics are swapped",
-           {{SpvOpRayQueryGetIntersectionBarycentricsKHR, 0, 0, GN_FAULT_SWAP_XY, 0}}),
+           {{SpvOpRayQueryGetIntersectionBarycentricsKHR, 0, 0, GN_FAULT_SWAP_XY, 0, 0}}),
     SHADER("hit.facing", "front and back are swapped",
-           {{SpvOpRayQueryGetIntersectionFrontFaceKHR, 0, 0, GN_FAULT_NOT, 0}}),
+           {{SpvOpRayQueryGetIntersectionFrontFaceKHR, 0, 0, GN_FAULT_NOT, 0, 0}}),
     SHADER("hit.positions", "the fetched positions begin with the second corner",
            READ(SpvOpRayQueryGetIntersectionTriangleVertexPositionsKHR, SpvBuiltInHitTriangleVertexPositionsKHR,
                 GN_FAULT_ROTATE_ARRAY, 0)),
     SHADER("read_back.matrices", "object-to-world is world-to-object",
            {{SpvOpRayQueryGetIntersectionObjectToWorldKHR, 0, 0, GN_FAULT_SET_OPCODE,
-             SpvOpRayQueryGetIntersectionWorldToObjectKHR}}),
+             SpvOpRayQueryGetIntersectionWorldToObjectKHR, 0}}),
     SHADER("read_back.inverse", "world-to-object is object-to-world",
            {{SpvOpRayQueryGetIntersectionWorldToObjectKHR, 0, 0, GN_FAULT_SET_OPCODE,
-             SpvOpRayQueryGetIntersectionObjectToWorldKHR}}),
+             SpvOpRayQueryGetIntersectionObjectToWorldKHR, 0}}),
     SHADER("read_back.direction", "the object-space direction is normalized",
            READ(SpvOpRayQueryGetIntersectionObjectRayDirectionKHR, SpvBuiltInObjectRayDirectionKHR, GN_FAULT_NORMALIZE, 0)),
     SHADER("read_back.world_direction", "the ray's direction is read back normalized",
