@@ -1,7 +1,7 @@
 # SPDX-License-Identifier: Apache-2.0
 # The real gate on lavapipe: one driver against itself, planted failures, order dependence, rewritten expectations.
 set -u
-gnomon=$1
+gnomon=$1 reader=$2
 failures=0
 scratch=$(mktemp -d) || exit 1
 trap 'rm -rf "$scratch"' EXIT
@@ -60,6 +60,14 @@ expect 'a skip' 4 'No answer: every case was skipped' --expect z-skips.txt "$few
 printf '%s\n' "$few" >z-flakes.txt
 GNOMON_TEST_FAULT=crash:$few expect 'a flake' 0 'This may land' --expect z-flakes.txt "$few" query.flags.cull_front.plain --out flake
 file_has flake/new/results.csv "^$few,KnownFlake,"
+
+# Failures of several kinds, an expectation that fails as it should, one that is stale.
+printf '%s\n' "query.flags.cull_front.plain,Fail" "query.flags.cull_back.disabled,Crash" >w-fails.txt
+GNOMON_TEST_FAULT=crash:$few,crash:query.flags.cull_back.disabled,lost:query.flags.cull_opaque.plain expect 'a mixture' 1 'This may not land' --expect w-fails.txt \
+    --reruns 0 'query.flags.cull_*.plain' query.flags.cull_back.disabled query.watertight.torus --out mixture
+for folder in same crash order mended mixture skipped; do
+    said=$("$reader" "$folder" 2>&1) || fail "reports of '$folder': $said"
+done
 
 [ "$failures" = 0 ] || exit 1
 echo "all as expected"
