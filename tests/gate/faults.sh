@@ -17,10 +17,10 @@ fail() {
     printf 'FAILED: %s\n' "$@"
 }
 if [ "$faults" = all ]; then
-    faults=$(grep -oE '[({]"[a-z0-9_]+\.[a-z0-9_.]+"' "$here/../faulty/faults.c" | tr -d '({"')
+    faults=$(grep -oE '"[a-z0-9_]+\.[a-z0-9_.]+"' "$here/../faulty/faults.c" | tr -d '"' | grep -v '^query\.\|^pipeline\.')
 fi
 if [ "$filters" = sample ]; then
-    filters=$("$gnomon" run --list | awk -F . '$1 == "query" && (!n[$2]++ || $2 == "planted")')
+    filters=$("$gnomon" run --list | awk -F . '!n[$1 "." $2]++ || $2 == "planted"')
 fi
 export VK_INSTANCE_LAYERS=VK_LAYER_GNOMON_faulty VK_ADD_LAYER_PATH="$faulty"
 
