@@ -261,6 +261,9 @@ static VKAPI_ATTR VkResult VKAPI_CALL entry_CreateRayTracingPipelinesKHR(
     const VkRayTracingPipelineCreateInfoKHR *infos, const VkAllocationCallbacks *allocator, VkPipeline *handles)
 {
     const struct gn_fault *fault = gn_fault_chosen();
+    /* What a deferred operation reads has to stay, and what it gives comes later. */
+    if (operation)
+        return next.CreateRayTracingPipelinesKHR(device, operation, cache, count, infos, allocator, handles);
     VkRayTracingPipelineCreateInfoKHR *told = malloc((count + 1) * sizeof *told);
     VkRayTracingShaderGroupCreateInfoKHR **groups = calloc(count + 1, sizeof *groups);
     if (!told || !groups)
