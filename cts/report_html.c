@@ -315,7 +315,7 @@ static void put_rendered(FILE *file, const struct gn_results *results)
         put_badge(file, cs);
         fputs(" <b>", file);
         text(file, cs->name);
-        fprintf(file, "</b> <span class=\"soft small\">%s rays, %s of them exact</span></p>\n<div class=pictures>",
+        fprintf(file, "</b> <span class=\"soft small\">%s rays, %s of them exact</span></p>\n<div class=rendered>",
                 grouped(cs->rays), share(cs->class_counts[GN_REF_EXACT], cs->rays));
         for (int p = 0; p < GN_CASE_RENDERED; p++) {
             fprintf(file, "<figure><img alt=\"%s\" src=\"data:image/png;base64,", captions[p]);

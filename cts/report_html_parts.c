@@ -56,7 +56,7 @@ const char gn_html_style[] =
     "@media(min-width:820px){.body.pic{grid-template-columns:max-content minmax(0,1fr)}}\n"
     ".body img{image-rendering:pixelated;border:1px solid "
     "var(--line);display:block;max-width:100%;height:auto}"
-    ".pictures{display:flex;flex-wrap:wrap;gap:6px 16px}.pictures img{width:288px;max-width:100%;height:auto;"
+    ".rendered{display:flex;flex-wrap:wrap;gap:6px 16px}.rendered img{width:288px;max-width:100%;height:auto;"
     "image-rendering:pixelated;border:1px solid var(--line);display:block}"
     "figure{margin:4px 0}figcaption{font-size:13px;color:var(--soft);max-width:340px;margin-top:6px}\n"
     ".body table{margin:8px 0;width:auto}td.diff{background:var(--mark);font-weight:650}\n"
