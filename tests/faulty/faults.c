@@ -1096,6 +1096,7 @@ static const struct {
     {"indices.restart", "query.indices.uint16_all_65536"},
     {"aabbs.offset", "*.aabbs.list_offset"},
     {"update.bounds", "*.update.boxes.from_afar"},
+    {"build.rebuild", "*.update.late.rebuild"},
     {"stages.*", "query.stages.*"},
     {"read_back.*", "query.transforms.detail.*"},
     {"vertices.cracks", "query.watertight.*.edge*"},
