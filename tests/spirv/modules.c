@@ -8,13 +8,11 @@
 
 const char *const form_names[FORM_COUNT] = {"line", "debug", "plain", "optimized"};
 
-uint32_t *module_load(const char *form, const char *name, size_t *out_count)
+uint32_t *module_read(const char *path, size_t *out_count)
 {
-    char path[1024];
-    snprintf(path, sizeof path, MODULES "/%s/%s.spv", form, name);
     FILE *file = fopen(path, "rb");
     if (!file)
-        fail_msg("cannot open %s", path);
+        return NULL;
     fseek(file, 0, SEEK_END);
     long size = ftell(file);
     rewind(file);
@@ -24,6 +22,16 @@ uint32_t *module_load(const char *form, const char *name, size_t *out_count)
     assert_int_equal(fread(words, 1, (size_t)size, file), size);
     fclose(file);
     *out_count = (size_t)size / 4;
+    return words;
+}
+
+uint32_t *module_load(const char *form, const char *name, size_t *out_count)
+{
+    char path[1024];
+    snprintf(path, sizeof path, MODULES "/%s/%s.spv", form, name);
+    uint32_t *words = module_read(path, out_count);
+    if (!words)
+        fail_msg("cannot open %s", path);
     return words;
 }
 

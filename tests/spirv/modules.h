@@ -16,6 +16,8 @@
 #define FORM_COUNT 4
 extern const char *const form_names[FORM_COUNT]; /* "line", "debug", "plain", "optimized" */
 
+/* A module, malloc'ed; NULL when there is no such file. */
+uint32_t *module_read(const char *path, size_t *out_count);
 /* A shader, named by its file ("closest_good.comp"), as words, malloc'ed. Fails the test when it is not there. */
 uint32_t *module_load(const char *form, const char *name, size_t *out_count);
 /* The files of all shaders, sorted; at most `capacity`. */
