@@ -515,22 +515,38 @@ static float moderate(float value)
 /* A leaf's number and a lane make an id, and box ids come after all of them. */
 #define MOST_LEAVES (UINT32_C(1) << 28)
 
-static void *allocate(struct builder *builder, uint64_t count, size_t size)
+/* All of a tree in one piece: nodes, then leaves, then triangles. */
+static bool tree_allocate(struct builder *builder, uint64_t node_count, uint64_t leaf_count, bool f32)
 {
-    if (count >= GN_REF_LEAF_BIT) {
-        fail(builder, "the tree needs %llu entries, the limit is %u", (unsigned long long)count, GN_REF_LEAF_BIT - 1);
-        return NULL;
-    }
-    void *memory = NULL;
-    size_t bytes = (size_t)(count ? count : 1) * size, alignment = bytes < HUGE_PAGE ? 64 : HUGE_PAGE;
-    if (posix_memalign(&memory, alignment, bytes) != 0) {
-        fail(builder, "out of memory: %zu bytes for the tree", bytes);
-        return NULL;
-    }
+    struct gn_ref_bvh *bvh = builder->bvh;
+    bool triangles = builder->input->triangles;
+    size_t leaf = builder->input->instances ? 0
+                  : !triangles              ? sizeof *bvh->boxes
+                  : f32                     ? sizeof *bvh->leaves_f32
+                                            : sizeof *bvh->leaves_i16;
+    size_t nodes = (size_t)node_count * sizeof *bvh->nodes, leaves = (size_t)leaf_count * leaf;
+    size_t bytes = nodes + leaves + (triangles && !f32 ? builder->input->count * sizeof *bvh->triangles : 0);
     /* Fewer look-ups of addresses; whether the system grants it makes no difference otherwise. */
-    if (bytes >= HUGE_PAGE)
-        madvise(memory, bytes / HUGE_PAGE * HUGE_PAGE, MADV_HUGEPAGE);
-    return memory;
+    bool huge = bytes >= HUGE_PAGE / 2;
+    if (huge)
+        bytes = (bytes + HUGE_PAGE - 1) / HUGE_PAGE * HUGE_PAGE;
+    void *memory = NULL;
+    if (posix_memalign(&memory, huge ? HUGE_PAGE : 64, bytes) != 0)
+        return fail(builder, "out of memory: %zu bytes for the tree", bytes);
+    if (huge)
+        madvise(memory, bytes, MADV_HUGEPAGE);
+    bvh->bytes = bytes;
+    bvh->nodes = memory;
+    char *after = (char *)memory + nodes;
+    if (leaf && !triangles)
+        bvh->boxes = (uint32_t(*)[GN_REF_NODE_WIDTH])(void *)after;
+    else if (leaf && f32)
+        bvh->leaves_f32 = (struct gn_ref_leaf_f32 *)(void *)after;
+    else if (leaf)
+        bvh->leaves_i16 = (struct gn_ref_leaf_i16 *)(void *)after;
+    if (triangles && !f32)
+        bvh->triangles = (struct gn_ref_triangle_f64 *)(void *)(after + leaves);
+    return true;
 }
 
 struct RTCDeviceTy *gn_ref_bvh_device_create(char *error, size_t error_size)
@@ -564,7 +580,8 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
 
     struct proposal few = {.primitive_count = count}, *root = &few;
     memory = rtcNewBVH(device);
-    primitives = allocate(&builder, count, sizeof *primitives);
+    if (posix_memalign((void **)&primitives, 64, (size_t)count * sizeof *primitives) != 0)
+        primitives = NULL;
     builder.seen = calloc(count, sizeof *builder.seen);
     if (!memory || !primitives || !builder.seen) {
         fail(&builder, "out of memory before the tree over %u primitives is built", count);
@@ -625,18 +642,7 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
         out->quantum = 0;
     /* The traversal starts at a node: a tree that is one leaf gets one above it. */
     bool lone_leaf = proposal_is_leaf(root);
-    out->nodes = allocate(&builder, counts[0] + lone_leaf, sizeof *out->nodes);
-    bool allocated;
-    if (input->instances)
-        allocated = true;
-    else if (!input->triangles)
-        allocated = (out->boxes = allocate(&builder, counts[1], sizeof *out->boxes));
-    else if (f32)
-        allocated = (out->leaves_f32 = allocate(&builder, counts[1], sizeof *out->leaves_f32));
-    else
-        allocated = (out->leaves_i16 = allocate(&builder, counts[1], sizeof *out->leaves_i16)) &&
-                    (out->triangles = allocate(&builder, count, sizeof *out->triangles));
-    if (!out->nodes || !allocated)
+    if (!tree_allocate(&builder, counts[0] + lone_leaf, counts[1], f32))
         goto out;
     if (lone_leaf)
         children_emit(&builder, (const struct proposal *[]){root}, 1, &root_bounds);
@@ -656,19 +662,5 @@ out:
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh)
 {
     free(bvh->nodes);
-    free(bvh->leaves_f32);
-    free(bvh->leaves_i16);
-    free(bvh->triangles);
-    free(bvh->boxes);
     *bvh = (struct gn_ref_bvh){0};
-}
-
-uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh)
-{
-    size_t leaf = bvh->boxes        ? sizeof *bvh->boxes
-                  : bvh->leaves_f32 ? sizeof *bvh->leaves_f32
-                  : bvh->leaves_i16 ? sizeof *bvh->leaves_i16
-                                    : 0;
-    return (uint64_t)bvh->node_count * sizeof *bvh->nodes + (uint64_t)bvh->leaf_count * leaf +
-           (bvh->triangles ? (uint64_t)bvh->triangle_count * sizeof *bvh->triangles : 0);
 }

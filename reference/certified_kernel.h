@@ -144,6 +144,8 @@ static inline bool node_leave(struct gn_ref_flight *flight, const struct gn_ref_
     /* The nearest in hand, the others on the stack with the farthest first. */
     uint64_t nearest = (uint64_t)keys[i] << 32 | node->child[i];
     uint64_t *base = flight->stack + flight->depth, *place = base;
+    if (ahead)
+        prefetch_child(bvh, node->child[i]);
     do {
         i = (unsigned)__builtin_ctz(met);
         met &= met - 1;

@@ -684,9 +684,9 @@ static bool triangles_build(struct commit *commit)
     bool in_world = lone && (!lone->shared || !gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
                                                                      !lone->matrix.identity, 0));
     done = live == 0 || in_world || instances_build(commit, live);
-    scene->bytes = gn_ref_bvh_bytes(&scene->instance_bvh) + scene->instance_count * sizeof *scene->instance_data;
+    scene->bytes = scene->instance_bvh.bytes + scene->instance_count * sizeof *scene->instance_data;
     for (uint32_t t = 0; t < scene->tree_count; t++)
-        scene->bytes += gn_ref_bvh_bytes(&scene->trees[t]);
+        scene->bytes += scene->trees[t].bytes;
 out:
     free(of_blas);
     return done;

@@ -99,7 +99,8 @@ struct gn_ref_node {
  * a tree over instances is one instance, and its index the instance's.
  */
 struct gn_ref_bvh {
-    struct gn_ref_node *nodes; /* the root is the first */
+    struct gn_ref_node *nodes; /* the root is the first; what follows is in the same piece of memory */
+    uint64_t bytes; /* of it */
     uint32_t node_count;
     uint32_t leaf_count;
     uint32_t triangle_count;
@@ -281,7 +282,6 @@ void gn_ref_bvh_device_release(struct RTCDeviceTy *device);
 bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, struct RTCDeviceTy *device, char *error,
                       size_t error_size);
 void gn_ref_bvh_finish(struct gn_ref_bvh *bvh);
-uint64_t gn_ref_bvh_bytes(const struct gn_ref_bvh *bvh);
 /* A triangle in the world, rounded in f64: its corners and the largest distance of a coordinate from the exact one. */
 void gn_ref_triangle_place(const struct gn_ref_scene *scene, const struct gn_ref_primitive *primitive, double out[3][3],
                            double *out_error);
