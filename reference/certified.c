@@ -78,23 +78,6 @@ static const struct kernel *kernel_choose(void)
 
 /* A ray, and what is found about it. */
 
-static void take(const struct gn_ref_certified *call, struct gn_ref_flight *flight,
-                 const struct gn_ref_candidate *candidate)
-{
-    const struct gn_ref_bvh *tree = gn_ref_scene_tree(call->scene, gn_ref_id_instance(candidate->id));
-    if (tree->leaves_f32)
-        __builtin_prefetch(tree->leaves_f32[(uint32_t)candidate->id / GN_REF_NODE_WIDTH].geometry);
-    flight->best = *candidate;
-    if (call->any) {
-        flight->depth = 0;
-        flight->s_limit_f32 = -1;
-        return;
-    }
-    float limit = gn_ref_f32_up(candidate->upper);
-    if (limit < flight->s_limit_f32)
-        flight->s_limit_f32 = limit;
-}
-
 /* The trace of the slow stages, for this flight's ray. */
 static struct gn_ref_trace *slow_stage(struct gn_ref_certified *call, struct gn_ref_flight *flight)
 {
@@ -235,7 +218,7 @@ void gn_ref_certified_offer(struct gn_ref_certified *call, struct gn_ref_flight 
                           !facing_admitted(call->scene, flight, candidate)))
         return;
     if (before_best(call, flight, candidate))
-        take(call, flight, candidate);
+        gn_ref_certified_take(call, flight, candidate);
 }
 
 /* What the integers of wide.c say of a triangle. */
@@ -305,7 +288,7 @@ void gn_ref_certified_consider(struct gn_ref_certified *call, struct gn_ref_flig
     if (triangle_decide(call, flight, &candidate) != DECISION_HIT || !facing_admitted(call->scene, flight, &candidate))
         return;
     if (before_best(call, flight, &candidate))
-        take(call, flight, &candidate);
+        gn_ref_certified_take(call, flight, &candidate);
 }
 
 static int flight_answer(struct gn_ref_certified *call, struct gn_ref_flight *flight, struct gn_ref_hit *out)

@@ -226,6 +226,24 @@ struct gn_ref_certified {
     int8_t *found;
 };
 
+/* A triangle that is met and before the best becomes the best. */
+static inline void gn_ref_certified_take(const struct gn_ref_certified *call, struct gn_ref_flight *flight,
+                                         const struct gn_ref_candidate *candidate)
+{
+    const struct gn_ref_bvh *tree = gn_ref_scene_tree(call->scene, gn_ref_id_instance(candidate->id));
+    if (tree->leaves_f32)
+        __builtin_prefetch(tree->leaves_f32[(uint32_t)candidate->id / GN_REF_NODE_WIDTH].geometry);
+    flight->best = *candidate;
+    if (call->any) {
+        flight->depth = 0;
+        flight->s_limit_f32 = -1;
+        return;
+    }
+    float limit = gn_ref_f32_up(candidate->upper);
+    if (limit < flight->s_limit_f32)
+        flight->s_limit_f32 = limit;
+}
+
 /* The next ray of the batch that needs a flight; false when there is none. */
 bool gn_ref_certified_next(struct gn_ref_certified *call, struct gn_ref_flight *flight);
 /* Writes the answer of a flight that has ended. */

@@ -212,8 +212,11 @@ static inline bool lane_offer(struct gn_ref_certified *call, struct gn_ref_fligh
     struct gn_ref_candidate candidate = {.id = id, .zeros = (uint16_t)zeros};
     if (!lane_place(&candidate, frame, lane))
         return false;
-    if (candidate.lower < flight->s_last && candidate.upper > flight->s_first &&
-        !(candidate.lower > flight->best.upper))
+    if (candidate.lower > flight->s_first && candidate.upper < flight->s_last && candidate.upper < flight->best.lower &&
+        !flight->tests)
+        gn_ref_certified_take(call, flight, &candidate);
+    else if (candidate.lower < flight->s_last && candidate.upper > flight->s_first &&
+             !(candidate.lower > flight->best.upper))
         gn_ref_certified_offer(call, flight, &candidate);
     return true;
 }
@@ -706,7 +709,7 @@ bool GN_REF_KERNEL_START(struct gn_ref_flight *flight, const struct gn_ref_scene
     flight->current = 0;
     flight->depth = 0;
     flight->best.id = GN_REF_NO_ID;
-    flight->best.upper = INFINITY;
+    flight->best.lower = flight->best.upper = INFINITY;
     flight->best.zeros = 0;
     flight->ray = ray;
     return true;
