@@ -28,6 +28,7 @@ struct proposal {
     uint32_t primitive_count; /* of all below */
     uint32_t ids[GN_REF_NODE_WIDTH]; /* of a leaf */
     struct price *price; /* of a node, else NULL */
+    float areas[2]; /* of a node's children, as Embree sees them: for prices alone */
 };
 static void *node_create(RTCThreadLocalAllocator allocator, unsigned child_count, void *user)
 {
@@ -50,9 +51,24 @@ static void node_set_children(void *pointer, void **children, unsigned child_cou
         node->child[i] = children[i];
 }
 
+/* Half the surface of a box. */
+static double area_of(const float lower[3], const float upper[3])
+{
+    double size[3];
+    for (int axis = 0; axis < 3; axis++)
+        size[axis] = fmin(fmax((double)upper[axis] - lower[axis], 0), 0x1p100);
+    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
+}
+
 static void node_set_bounds(void *pointer, const struct RTCBounds **bounds, unsigned child_count, void *user)
 {
-    (void)pointer, (void)bounds, (void)child_count, (void)user;
+    (void)user;
+    struct proposal *node = pointer;
+    for (unsigned i = 0; node && i < child_count; i++) {
+        const struct RTCBounds *of = bounds[i];
+        const float lower[3] = {of->lower_x, of->lower_y, of->lower_z}, upper[3] = {of->upper_x, of->upper_y, of->upper_z};
+        node->areas[i] = (float)area_of(lower, upper);
+    }
 }
 
 static void *leaf_create(RTCThreadLocalAllocator allocator, const struct RTCBuildPrimitive *primitives, size_t count,
@@ -72,7 +88,7 @@ struct builder {
     struct gn_ref_bvh *bvh;
     const struct gn_ref_bvh_input *input;
     double quantum[3]; /* what every stored bound is a multiple of */
-    double size, whole_area; /* of the whole box */
+    double size; /* of the whole box */
     bool centred; /* bounds are relative to a centre */
     bool *seen;
     char *error;
@@ -133,11 +149,16 @@ static void vertex_extend(const struct builder *builder, struct gn_ref_bounds *b
     }
 }
 
+static const struct gn_ref_vertex *corner_of(const struct builder *builder, uint32_t index, int corner)
+{
+    return &builder->input->vertices[builder->input->corners[index][corner]];
+}
+
 /* Bounds of a primitive as nodes store them. */
 static struct gn_ref_bounds primitive_bounds(const struct builder *builder, uint32_t index)
 {
     struct gn_ref_bounds bounds = nothing;
-    if (!builder->input->triangles) {
+    if (!builder->input->vertices) {
         bounds = builder->input->bounds[index];
         for (int axis = 0; builder->centred && axis < 3; axis++) {
             double centre = builder->bvh->centre[axis], quantum = builder->quantum[axis];
@@ -147,23 +168,8 @@ static struct gn_ref_bounds primitive_bounds(const struct builder *builder, uint
         return bounds;
     }
     for (int v = 0; v < 3; v++)
-        vertex_extend(builder, &bounds, &builder->input->triangles[index][v]);
+        vertex_extend(builder, &bounds, corner_of(builder, index, v));
     return bounds;
-}
-
-/* Half the surface of a box. */
-static double box_area(const struct gn_ref_bounds *bounds)
-{
-    double size[3];
-    for (int axis = 0; axis < 3; axis++)
-        size[axis] = fmin(fmax((double)bounds->upper[axis] - bounds->lower[axis], 0), 0x1p100);
-    return size[0] * size[1] + size[1] * size[2] + size[2] * size[0];
-}
-
-/* As a share of the scene's. */
-static float relative_area(const struct builder *builder, const struct gn_ref_bounds *bounds)
-{
-    return builder->whole_area > 0 ? (float)(box_area(bounds) / builder->whole_area) : 1;
 }
 
 /* What a visit costs, about, in units of a node's. */
@@ -175,34 +181,28 @@ static float relative_area(const struct builder *builder, const struct gn_ref_bo
  * of up to eight primitives: c(n) = the cost of a subtree as at most n children of a node above it, by dynamic
  * programming from the leaves up. Eight boxes or triangles cost as much as one, so full ones are cheap.
  */
-static bool proposal_price(struct builder *builder, struct proposal *p, uint32_t depth, struct gn_ref_bounds *out_bounds,
-                           float *out_leaf_cost)
+static bool proposal_price(struct builder *builder, struct proposal *p, uint32_t depth, float area, float *out_leaf_cost)
 {
     uint32_t count = builder->input->count;
     if (!p)
         return fail(builder, "out of memory while building the tree over %u primitives", count);
     if (depth > GN_REF_MAX_DEPTH)
         return fail(builder, "the tree over %u primitives is deeper than %d levels", count, GN_REF_MAX_DEPTH);
-    *out_bounds = nothing;
     if (!p->price) {
         for (uint32_t i = 0; i < p->primitive_count; i++) {
             if (p->ids[i] >= count || builder->seen[p->ids[i]])
                 return fail(builder, "primitive %u is in the tree twice or unknown", p->ids[i]);
             builder->seen[p->ids[i]] = true;
-            struct gn_ref_bounds bounds = primitive_bounds(builder, p->ids[i]);
-            bounds_extend(out_bounds, &bounds);
         }
-        *out_leaf_cost = LEAF_COST * relative_area(builder, out_bounds);
+        *out_leaf_cost = LEAF_COST * area;
         return true;
     }
     struct price *price = p->price;
     const struct price *below[2];
     float leaf_cost[2];
     for (int i = 0; i < 2; i++) {
-        struct gn_ref_bounds bounds;
-        if (!proposal_price(builder, p->child[i], depth + 1, &bounds, &leaf_cost[i]))
+        if (!proposal_price(builder, p->child[i], depth + 1, p->areas[i], &leaf_cost[i]))
             return false;
-        bounds_extend(out_bounds, &bounds);
         below[i] = p->child[i]->price;
         p->primitive_count += p->child[i]->primitive_count;
     }
@@ -224,7 +224,6 @@ static bool proposal_price(struct builder *builder, struct proposal *p, uint32_t
             }
         }
     }
-    float area = relative_area(builder, out_bounds);
     price->whole = area + price->parts[GN_REF_NODE_WIDTH];
     price->is_leaf = p->primitive_count <= GN_REF_NODE_WIDTH && LEAF_COST * area <= price->whole && !builder->input->instances;
     if (price->is_leaf)
@@ -292,7 +291,7 @@ static bool triangle_is_fine(const struct builder *builder, uint32_t index)
     double quantum = builder->bvh->quantum;
     for (int v = 0; v < 3 && quantum > 0; v++)
         for (int axis = 0; axis < 3; axis++)
-            if (!is_multiple(builder->input->triangles[index][v].w[axis], quantum))
+            if (!is_multiple(corner_of(builder, index, v)->w[axis], quantum))
                 return true;
     return false;
 }
@@ -325,7 +324,7 @@ static void leaf_range(const struct builder *builder, const uint32_t *ids, uint3
     *upper = -INFINITY;
     for (uint32_t i = 0; i < count; i++)
         for (int v = 0; v < 3; v++) {
-            double w = builder->input->triangles[ids[i]][v].w[axis];
+            double w = corner_of(builder, ids[i], v)->w[axis];
             *lower = fmin(*lower, w);
             *upper = fmax(*upper, w);
         }
@@ -343,7 +342,7 @@ static void leaf_f32_set(struct builder *builder, struct gn_ref_leaf_f32 *leaf, 
         most = fmax(most, half[axis]);
         for (uint32_t l = 0; l < GN_REF_NODE_WIDTH; l++)
             for (int v = 0; v < 3; v++)
-                leaf->w[v][axis][l] = (float)builder->input->triangles[ids[l < count ? l : 0]][v].w[axis];
+                leaf->w[v][axis][l] = (float)corner_of(builder, ids[l < count ? l : 0], v)->w[axis];
     }
     /* Its power of two and the inverse have to be f32; beyond 2^91 nobody asks. */
     int exponent;
@@ -384,7 +383,7 @@ static void leaf_i16_set(struct builder *builder, struct gn_ref_leaf_i16 *leaf, 
         bool kept = usable;
         for (uint32_t l = 0; usable && l < count; l++)
             for (int v = 0; v < 3; v++) {
-                const struct gn_ref_vertex *vertex = &builder->input->triangles[ids[l]][v];
+                const struct gn_ref_vertex *vertex = corner_of(builder, ids[l], v);
                 double w = vertex->w[axis] - origin[axis], d = w - middle[axis], k = rint(d / step[axis]);
                 /* Both differences are rounded. */
                 double off = fabs(d - k * step[axis]) + 0x1p-51 * (fabs(w) + fabs(middle[axis])) + vertex->error;
@@ -395,12 +394,14 @@ static void leaf_i16_set(struct builder *builder, struct gn_ref_leaf_i16 *leaf, 
     }
     for (uint32_t l = 0; l < count; l++) {
         struct gn_ref_triangle_f64 *record = &builder->bvh->triangles[builder->bvh->triangle_count++];
-        const struct gn_ref_vertex *corners = builder->input->triangles[ids[l]];
         record->geometry = builder->input->primitives[ids[l]].geometry;
         record->primitive = builder->input->primitives[ids[l]].primitive;
-        record->error = fmax(corners[0].error, fmax(corners[1].error, corners[2].error));
-        for (int v = 0; v < 3; v++)
-            memcpy(record->w[v], corners[v].w, sizeof record->w[v]);
+        record->error = 0;
+        for (int v = 0; v < 3; v++) {
+            const struct gn_ref_vertex *vertex = corner_of(builder, ids[l], v);
+            record->error = fmax(record->error, vertex->error);
+            memcpy(record->w[v], vertex->w, sizeof record->w[v]);
+        }
     }
 }
 
@@ -461,12 +462,11 @@ static void centre_choose(struct builder *builder)
 {
     struct gn_ref_bvh *bvh = builder->bvh;
     struct gn_ref_bounds all = nothing;
-    for (uint32_t i = 0; i < builder->input->count; i++)
+    for (uint32_t i = 0; i < (builder->input->vertices ? 1 : builder->input->count); i++)
         bounds_extend(&all, &builder->input->bounds[i]);
     double size = 0;
     for (int axis = 0; axis < 3; axis++)
         size = fmax(size, (double)all.upper[axis] - all.lower[axis]);
-    builder->whole_area = box_area(&all);
     builder->size = size;
     for (int axis = 0; axis < 3; axis++) {
         double lower = all.lower[axis], upper = all.upper[axis];
@@ -492,7 +492,7 @@ static bool all_f32(const struct builder *builder)
 {
     for (uint32_t i = 0; i < builder->input->count; i++)
         for (int v = 0; v < 3; v++) {
-            const struct gn_ref_vertex *vertex = &builder->input->triangles[i][v];
+            const struct gn_ref_vertex *vertex = corner_of(builder, i, v);
             for (int axis = 0; axis < 3; axis++)
                 if (vertex->error != 0 || !(fabs(vertex->w[axis]) <= 0x1.fffffep127) ||
                     (double)(float)vertex->w[axis] != vertex->w[axis])
@@ -519,7 +519,7 @@ static float moderate(float value)
 static bool tree_allocate(struct builder *builder, uint64_t node_count, uint64_t leaf_count, bool f32)
 {
     struct gn_ref_bvh *bvh = builder->bvh;
-    bool triangles = builder->input->triangles;
+    bool triangles = builder->input->vertices;
     size_t leaf = builder->input->instances ? 0
                   : !triangles              ? sizeof *bvh->boxes
                   : f32                     ? sizeof *bvh->leaves_f32
@@ -620,34 +620,35 @@ bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *inp
         goto out;
     }
 
-    struct gn_ref_bounds root_bounds;
+    /* The root is no child: its area makes no difference. */
     float cost;
-    if (!proposal_price(&builder, root, 1, &root_bounds, &cost))
+    if (!proposal_price(&builder, root, 1, 0, &cost))
         goto out;
     for (uint32_t i = 0; i < count; i++)
         if (!builder.seen[i]) {
             fail(&builder, "primitive %u of %u is missing in the tree", i, count);
             goto out;
         }
-    for (int axis = 0; axis < 3; axis++)
-        out->half[axis] = fmax(fabs(root_bounds.lower[axis]), fabs(root_bounds.upper[axis]));
     uint64_t counts[2] = {0};
     proposal_count(root, counts);
     if (counts[1] >= MOST_LEAVES) {
         fail(&builder, "the tree has %llu leaves, expected fewer than %u", (unsigned long long)counts[1], MOST_LEAVES);
         goto out;
     }
-    bool f32 = input->triangles && all_f32(&builder);
+    bool f32 = input->vertices && all_f32(&builder);
     if (!f32)
         out->quantum = 0;
     /* The traversal starts at a node: a tree that is one leaf gets one above it. */
     bool lone_leaf = proposal_is_leaf(root);
     if (!tree_allocate(&builder, counts[0] + lone_leaf, counts[1], f32))
         goto out;
+    struct gn_ref_bounds root_bounds;
     if (lone_leaf)
         children_emit(&builder, (const struct proposal *[]){root}, 1, &root_bounds);
     else
         node_emit(&builder, root, &root_bounds);
+    for (int axis = 0; axis < 3; axis++)
+        out->half[axis] = fmax(fabs(root_bounds.lower[axis]), fabs(root_bounds.upper[axis]));
     done = true;
 out:
     free(primitives);

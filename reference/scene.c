@@ -509,23 +509,24 @@ static bool out_of_memory(struct gn_ref_scene *scene, uint64_t count, const char
     return fail(scene, "out of memory for %llu %s", (unsigned long long)count, what);
 }
 
-/* The primitives of one tree, in arrays of one length. */
+/* The triangles of one tree, and the vertices of all its geometries. */
 struct gathering {
     struct gn_ref_primitive *primitives;
-    struct gn_ref_bounds *bounds;
-    struct gn_ref_vertex (*triangles)[3];
-    uint32_t count;
+    uint32_t (*corners)[3];
+    struct gn_ref_vertex *vertices;
+    struct gn_ref_bounds bounds; /* of all */
+    uint32_t count, vertex_count;
 };
 
 static void gathering_finish(struct gathering *gathering)
 {
     free(gathering->primitives);
-    free(gathering->bounds);
-    free(gathering->triangles);
+    free(gathering->corners);
+    free(gathering->vertices);
 }
 
 static void gather_triangles(struct gathering *out, struct commit *commit, uint32_t instance, uint32_t geometry_index,
-                             bool in_world, struct gn_ref_vertex *vertices)
+                             bool in_world)
 {
     struct gn_ref_scene *scene = commit->scene;
     const struct gn_ref_geometry *geometry =
@@ -533,24 +534,25 @@ static void gather_triangles(struct gathering *out, struct commit *commit, uint3
     struct placing placing = placing_of(scene, instance, geometry_index, geometry->position_count);
     if (in_world)
         placing_add_instance(&placing, scene, instance, geometry->position_count);
+    const uint32_t first = out->vertex_count;
     for (uint32_t i = 0; i < geometry->position_count; i++)
-        vertices[i] = vertex_place(geometry, i, &placing);
+        out->vertices[out->vertex_count++] = vertex_place(geometry, i, &placing);
     for (uint32_t i = 0; i < geometry->primitive_count; i++) {
         if (triangle_inactive(geometry, i))
             continue;
         struct gn_ref_primitive primitive = {instance, geometry_index, i};
-        struct gn_ref_vertex *corners = out->triangles[out->count];
-        struct gn_ref_bounds bounds = nothing;
+        struct gn_ref_vertex corners[3];
         for (int j = 0; j < 3; j++) {
-            corners[j] = vertices[geometry->triangles[i][j]];
-            for (int axis = 0; axis < 3; axis++)
-                bounds_add(&bounds, axis, corners[j].w[axis], corners[j].error);
+            out->corners[out->count][j] = first + geometry->triangles[i][j];
+            corners[j] = out->vertices[out->corners[out->count][j]];
         }
         /* The same in object space and in the world, the transform being regular. */
         if (triangle_degenerate(&commit->exact, scene, &primitive, corners))
             continue;
-        out->primitives[out->count] = primitive;
-        out->bounds[out->count++] = bounds;
+        for (int j = 0; j < 3; j++)
+            for (int axis = 0; axis < 3; axis++)
+                bounds_add(&out->bounds, axis, corners[j].w[axis], corners[j].error);
+        out->primitives[out->count++] = primitive;
     }
 }
 
@@ -559,35 +561,33 @@ static bool tree_add(struct commit *commit, uint32_t instance, bool in_world, ui
 {
     struct gn_ref_scene *scene = commit->scene;
     const struct gn_ref_blas *blas = &scene->blases[scene->instances[instance].blas];
-    struct gathering gathering = {0};
-    struct gn_ref_vertex *vertices = NULL;
+    struct gathering gathering = {.bounds = nothing};
     bool done = false;
-    size_t total = 0, most_positions = 0;
+    size_t total = 0, positions = 0;
     *out_tree = GN_REF_NONE;
     for (uint32_t g = 0; g < blas->geometry_count; g++) {
         if (blas->geometries[g].type != GN_REF_TRIANGLES)
             continue;
         total += blas->geometries[g].primitive_count;
-        if (blas->geometries[g].position_count > most_positions)
-            most_positions = blas->geometries[g].position_count;
+        positions += blas->geometries[g].position_count;
     }
     if (total == 0)
         return true;
     /* One beyond the last: a triangle is placed before it is known to be degenerate. */
     gathering.primitives = malloc((total + 1) * sizeof *gathering.primitives);
-    gathering.bounds = malloc((total + 1) * sizeof *gathering.bounds);
-    gathering.triangles = malloc((total + 1) * sizeof *gathering.triangles);
-    vertices = malloc((most_positions + 1) * sizeof *vertices);
-    if (!gathering.primitives || !gathering.bounds || !gathering.triangles || !vertices ||
+    gathering.corners = malloc((total + 1) * sizeof *gathering.corners);
+    gathering.vertices = malloc((positions + 1) * sizeof *gathering.vertices);
+    if (!gathering.primitives || !gathering.corners || !gathering.vertices || positions > UINT32_MAX ||
         !reserve((void **)&scene->trees, scene->tree_count, &scene->tree_capacity, sizeof *scene->trees)) {
         out_of_memory(scene, total, "triangles");
         goto out;
     }
     for (uint32_t g = 0; g < blas->geometry_count; g++)
         if (blas->geometries[g].type == GN_REF_TRIANGLES)
-            gather_triangles(&gathering, commit, instance, g, in_world, vertices);
-    const struct gn_ref_bvh_input input = {.primitives = gathering.primitives, .bounds = gathering.bounds,
-                                           .triangles = (const struct gn_ref_vertex (*)[3])gathering.triangles,
+            gather_triangles(&gathering, commit, instance, g, in_world);
+    const struct gn_ref_bvh_input input = {.primitives = gathering.primitives, .bounds = &gathering.bounds,
+                                           .vertices = gathering.vertices,
+                                           .corners = (const uint32_t (*)[3])gathering.corners,
                                            .count = gathering.count};
     done = gathering.count == 0 || gn_ref_bvh_build(&scene->trees[scene->tree_count], &input, commit->device,
                                                     scene->error, sizeof scene->error);
@@ -595,7 +595,6 @@ static bool tree_add(struct commit *commit, uint32_t instance, bool in_world, ui
         *out_tree = scene->tree_count++;
 out:
     gathering_finish(&gathering);
-    free(vertices);
     return done;
 }
 

@@ -269,9 +269,10 @@ static inline bool gn_ref_instance_is_entered(const struct gn_ref_scene *scene, 
 
 /* What a tree is built over: triangles; or, where those are NULL, boxes that are named by their place; or instances. */
 struct gn_ref_bvh_input {
-    const struct gn_ref_bounds *bounds; /* contain them */
+    const struct gn_ref_bounds *bounds; /* contain them; of triangles one that contains all */
     const struct gn_ref_primitive *primitives; /* of triangles */
-    const struct gn_ref_vertex (*triangles)[3];
+    const struct gn_ref_vertex *vertices;
+    const uint32_t (*corners)[3]; /* of vertices */
     const uint32_t *instances; /* NULL: no tree over instances */
     uint32_t count;
 };
