@@ -279,6 +279,13 @@ static uint32_t zero_vector(struct writer *writer, uint32_t bits)
     return COMPUTE(writer, SpvOpAll, type_bool(writer), each);
 }
 
+/* Some of the bits above `low` are set, but not all: from low + 1 to ~low - 1. */
+static uint32_t some_beyond(struct writer *writer, uint32_t value, uint32_t low)
+{
+    uint32_t shifted = COMPUTE(writer, SpvOpISub, type_uint(writer), value, constant_uint(writer, low + 1));
+    return both(writer, SpvOpULessThan, shifted, constant_uint(writer, ~low - (low + 1)));
+}
+
 /* `rule` as it is numbered for Initialize. */
 static uint32_t ray_condition(struct writer *writer, const struct ray *ray, uint32_t rule)
 {
@@ -310,10 +317,7 @@ static uint32_t ray_condition(struct writer *writer, const struct ray *ray, uint
     case GN_SPIRV_RULE_INITIALIZE_UNKNOWN_FLAGS:
         out = masked(writer, ray->flags, ~known_flags(writer->module));
         return both(writer, SpvOpINotEqual, out, constant_uint(writer, 0));
-    default:
-        out = both(writer, SpvOpUGreaterThan, ray->mask, constant_uint(writer, 0xFF));
-        return both(writer, SpvOpLogicalAnd, out,
-                    both(writer, SpvOpINotEqual, ray->mask, constant_uint(writer, UINT32_MAX)));
+    default: return some_beyond(writer, ray->mask, 0xFF);
     }
 }
 
@@ -437,7 +441,7 @@ static void gather_ray(struct writer *writer, const struct site *site, uint64_t 
 static void gather_trace(struct writer *writer, const struct site *site, struct gathered *gathered)
 {
     static const struct {
-        uint32_t rule, beyond;
+        uint32_t rule, low;
     } narrow[] = {{GN_SPIRV_RULE_TRACE_SBT_OFFSET_BITS, 0xF},
                   {GN_SPIRV_RULE_TRACE_SBT_STRIDE_BITS, 0xF},
                   {GN_SPIRV_RULE_TRACE_MISS_BITS, 0xFFFF}};
@@ -449,7 +453,7 @@ static void gather_trace(struct writer *writer, const struct site *site, struct 
         gathered->operands[i] = as_uint(writer, inst_word(module, inst, at[i]));
         if (site->checked >> narrow[i].rule & 1)
             gather(writer, gathered, narrow[i].rule,
-                   both(writer, SpvOpUGreaterThan, gathered->operands[i], constant_uint(writer, narrow[i].beyond)));
+                   some_beyond(writer, gathered->operands[i], narrow[i].low));
     }
     if (site->checked & RULE_BIT(TRACE_TIME)) {
         /* From 0 (or -0) to 1, as integers. */

@@ -153,9 +153,15 @@ static bool any_bit(uint32_t bits)
     return bits != 0;
 }
 
+/* Some of the bits above `low` are set, but not all: a complement, as ~1, is meant. */
+static bool some_beyond(uint32_t value, uint32_t low)
+{
+    return value > low && value < ~low;
+}
+
 static bool beyond_a_byte(uint32_t mask)
 {
-    return mask > 0xFF && mask != UINT32_MAX;
+    return some_beyond(mask, 0xFF);
 }
 
 struct ray_words ray_words_of(const struct operation *operation)
@@ -317,11 +323,11 @@ static bool bytes_of_variable(const struct module *module, uint32_t id, uint64_t
            bytes_of(module, inst_word(module, pointer, 3), 0, out, &alignment);
 }
 
-static void judge_narrow(const struct module *module, uint32_t id, uint32_t bits, uint64_t rule, struct operand_verdict *verdict)
+static void judge_narrow(const struct module *module, uint32_t id, uint32_t low, uint64_t rule, struct operand_verdict *verdict)
 {
     uint32_t value;
     if (constant_u32(module, id, &value))
-        settle(verdict, rule, value >> bits != 0, true);
+        settle(verdict, rule, some_beyond(value, low), true);
 }
 
 static struct operand_verdict judge_trace(const struct analysis *analysis, const struct inst *inst,
@@ -336,9 +342,9 @@ static struct operand_verdict judge_trace(const struct analysis *analysis, const
     float time;
     verdict.wrong <<= RULES_OF_RAY_TO_TRACE;
     verdict.right <<= RULES_OF_RAY_TO_TRACE;
-    judge_narrow(module, inst_word(module, inst, words.sbt_offset), 4, RULE_BIT(TRACE_SBT_OFFSET_BITS), &verdict);
-    judge_narrow(module, inst_word(module, inst, words.sbt_stride), 4, RULE_BIT(TRACE_SBT_STRIDE_BITS), &verdict);
-    judge_narrow(module, inst_word(module, inst, words.miss), 16, RULE_BIT(TRACE_MISS_BITS), &verdict);
+    judge_narrow(module, inst_word(module, inst, words.sbt_offset), 0xF, RULE_BIT(TRACE_SBT_OFFSET_BITS), &verdict);
+    judge_narrow(module, inst_word(module, inst, words.sbt_stride), 0xF, RULE_BIT(TRACE_SBT_STRIDE_BITS), &verdict);
+    judge_narrow(module, inst_word(module, inst, words.miss), 0xFFFF, RULE_BIT(TRACE_MISS_BITS), &verdict);
     bool time_known = words.time && component(module, inst_word(module, inst, words.time), 0, &time);
     settle(&verdict, RULE_BIT(TRACE_TIME), time_known && !(time >= 0 && time <= 1), time_known || !words.time);
     bool flags_known = constant_u32(module, inst_word(module, inst, words.flags), &flags);

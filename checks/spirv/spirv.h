@@ -18,7 +18,7 @@ extern "C" {
 #endif
 
 /* Changes whenever the words written for the same input and options change: part of the key of any cache. */
-#define GN_SPIRV_VERSION 7
+#define GN_SPIRV_VERSION 8
 
 enum gn_spirv_rule_index {
 #define GN_SPIRV_RULE(name) GN_SPIRV_RULE_##name,

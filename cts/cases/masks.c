@@ -16,8 +16,8 @@ enum rule {
     NEVER_ZERO, /* any 8 bits but none set */
     SOME_ZERO,  /* a quarter zero, the others 0xFF */
     COMPLEMENT, /* all bits but one */
-    UPPER,      /* one bit, and random bits above the 8 */
-    UPPER_ONLY, /* a quarter has bits above the 8 and none below, the others random 8 bits */
+    UPPER,      /* one bit, and all bits above the 8 */
+    UPPER_ONLY, /* a quarter has all bits above the 8 and none below, the others random 8 bits */
     INDEX,      /* the instance's index itself: with 256 instances, every mask */
 };
 
@@ -48,9 +48,9 @@ static uint32_t pick(struct gn_random *random, enum rule rule, uint32_t index)
     case COMPLEMENT:
         return 0xFF ^ 1u << (index & 7);
     case UPPER:
-        return (bits & 0xFFFFFF00u) | 1u << (index & 7);
+        return 0xFFFFFF00u | 1u << (index & 7);
     case UPPER_ONLY:
-        return bits & 0x300 ? bits & 0xFF : (bits & 0xFFFFFC00u) | 0x100;
+        return bits & 0x300 ? bits & 0xFF : 0xFFFFFF00u;
     case INDEX:
         return index & 0xFF;
     }

@@ -1,11 +1,13 @@
 /* SPDX-License-Identifier: Apache-2.0 */
-//! why: a mask has eight bits; all ones is meant
+//! why: a mask has eight bits; a complement is meant
 //! clauses: NG-047 NG-048
 //! run: choice=0 ->
 //! run: choice=0xFF ->
 //! run: choice=0x100 -> initialize.mask_bits*8
 //! run: choice=0x1FF -> initialize.mask_bits*8
 //! run: choice=0xFFFFFFFF ->
+//! run: choice=0xFFFFFFFE ->
+//! run: choice=0x7FFFFFFF -> initialize.mask_bits*8
 #version 460
 #extension GL_GOOGLE_include_directive : require
 #include "query.glsl"
