@@ -328,11 +328,15 @@ static struct gn_ref_interval dot(const struct gn_ref_interval a[3], const struc
  * range (2^-596 .. 2^516), so widening by one f64 bounds every step.
  */
 int gn_ref_box_f64(struct gn_ref_interval *out_entry, struct gn_ref_interval *out_exit,
-                   const struct gn_ref_instance_data *data, const float transform[12], const float box[6],
-                   const struct gn_ref_ray *ray)
+                   const struct gn_ref_scene *scene, const struct gn_ref_primitive *primitive, const struct gn_ref_ray *ray)
 {
+    const struct gn_ref_instance *instance = &scene->instances[primitive->instance];
+    const struct gn_ref_box_transform *data = &scene->box_transforms[primitive->instance];
+    const float *transform = instance->transform;
+    const float *box = scene->blases[instance->blas].geometries[primitive->geometry].aabbs[primitive->primitive];
     struct gn_ref_interval from[3], direction[3];
-    bool placed = gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS, !data->matrix.identity, 1);
+    bool placed = gn_ref_effect_applies(GN_REF_EFFECT_INSTANCE_TRANSFORMS,
+                                        !scene->instance_data[primitive->instance].matrix.identity, 1);
     for (int i = 0; i < 3; i++) {
         double translation = transform[4 * i + 3];
         from[i] = translation == 0 ? point(ray->origin[i]) : subtract(point(ray->origin[i]), point(translation));

@@ -51,6 +51,7 @@ void gn_ref_scene_destroy(struct gn_ref_scene *scene)
     free(scene->instances);
     free(scene->instance_data);
     free(scene->boxes);
+    free(scene->box_transforms);
     for (uint32_t t = 0; t < scene->tree_count; t++)
         gn_ref_bvh_finish(&scene->trees[t]);
     free(scene->trees);
@@ -449,12 +450,9 @@ static bool inverse_set(struct gn_ref_instance_data *data, const float m[12])
     return skew <= MOST_SKEW;
 }
 
-static void instance_prepare(struct gn_ref_instance_data *data, const float m[12])
+static void box_transform_set(struct gn_ref_box_transform *out, const float m[12])
 {
     double determinant = 0, determinant_error = 0;
-    gn_ref_matrix_prepare(&data->matrix, m);
-    data->shared = inverse_set(data, m);
-    data->tree = GN_REF_NONE;
     for (int row = 0; row < 3; row++)
         for (int column = 0; column < 3; column++) {
             /* adjugate[row][column] is the cofactor of m[column][row] */
@@ -462,13 +460,13 @@ static void instance_prepare(struct gn_ref_instance_data *data, const float m[12
             double a = (double)m[4 * r1 + c1] * m[4 * r2 + c2]; /* exact: 48 bits, far from the ends of f64 */
             double b = (double)m[4 * r1 + c2] * m[4 * r2 + c1];
             double cofactor = a - b, error = 0x1p-52 * fabs(cofactor);
-            data->adjugate[row][column] = a == b ? (struct gn_ref_interval){0, 0} : interval_of(cofactor, error);
+            out->adjugate[row][column] = a == b ? (struct gn_ref_interval){0, 0} : interval_of(cofactor, error);
             if (column == 0) {
                 determinant += cofactor * m[row];
                 determinant_error += 0x1p-49 * fabs(cofactor * m[row]);
             }
         }
-    data->determinant = interval_of(determinant, determinant_error);
+    out->determinant = interval_of(determinant, determinant_error);
 }
 
 /* Zero area: decided in f64 where that is certain, which spares every trace an exact test. */
@@ -699,13 +697,16 @@ static bool boxes_build(struct commit *commit, uint32_t most)
         return true;
     struct gn_ref_bounds *bounds = malloc(most * sizeof *bounds);
     scene->boxes = malloc(most * sizeof *scene->boxes);
-    if (!bounds || !scene->boxes) {
+    scene->box_transforms = calloc(scene->instance_count, sizeof *scene->box_transforms);
+    if (!bounds || !scene->boxes || !scene->box_transforms) {
         out_of_memory(scene, most, "boxes");
         goto out;
     }
     for (uint32_t i = 0; i < scene->instance_count; i++) {
         const struct gn_ref_blas *blas =
             scene->instances[i].blas == GN_REF_NULL_BLAS ? NULL : &scene->blases[scene->instances[i].blas];
+        if (blas)
+            box_transform_set(&scene->box_transforms[i], scene->instances[i].transform);
         for (uint32_t g = 0; blas && g < blas->geometry_count; g++) {
             const struct gn_ref_geometry *geometry = &blas->geometries[g];
             if (geometry->type != GN_REF_AABBS)
@@ -749,7 +750,8 @@ static bool instances_prepare(struct gn_ref_scene *scene, uint64_t out_totals[2]
         data->determinant_sign = gn_ref_determinant_sign_exact(instance->transform);
         if (data->determinant_sign == 0)
             return fail(scene, "instance %u: the transform is singular, expected an invertible one", i);
-        instance_prepare(data, instance->transform);
+        gn_ref_matrix_prepare(&data->matrix, instance->transform);
+        data->shared = inverse_set(data, instance->transform);
         const struct gn_ref_blas *blas = &scene->blases[instance->blas];
         scene->common_mask &= instance->mask;
         scene->culls |= !(instance->flags & GN_REF_INSTANCE_FACING_CULL_DISABLE);

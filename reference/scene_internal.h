@@ -140,7 +140,10 @@ struct gn_ref_instance_data {
     uint32_t tree; /* of gn_ref_scene::trees; GN_REF_NONE: no triangle */
     bool shared; /* the tree is in object space */
     int determinant_sign; /* exact; 0 for an inactive instance */
-    /* Of the linear part of the transform; for the boxes. */
+};
+
+/* Of the linear part of an instance's transform; for the boxes. */
+struct gn_ref_box_transform {
     struct gn_ref_interval adjugate[3][3];
     struct gn_ref_interval determinant;
 };
@@ -173,6 +176,7 @@ struct gn_ref_scene {
     uint64_t bytes; /* of these trees and what is kept of instances */
     uint32_t box_count; /* too */
     struct gn_ref_primitive *boxes;
+    struct gn_ref_box_transform *box_transforms; /* of the instances, where there are boxes */
     struct gn_ref_bvh box_bvh;
     uint32_t common_mask; /* the bits that the masks of all active instances have */
     bool culls; /* some instance lets faces be culled */
@@ -488,7 +492,6 @@ bool gn_ref_estimate_f64(struct gn_ref_estimate *out, const struct gn_ref_lane *
  * range meets the box, -1 when it is certain that it does not, 0 when this arithmetic cannot tell.
  */
 int gn_ref_box_f64(struct gn_ref_interval *out_entry, struct gn_ref_interval *out_exit,
-                   const struct gn_ref_instance_data *data, const float transform[12], const float box[6],
-                   const struct gn_ref_ray *ray);
+                   const struct gn_ref_scene *scene, const struct gn_ref_primitive *primitive, const struct gn_ref_ray *ray);
 
 #endif

@@ -438,11 +438,8 @@ static void box_consider(struct gn_ref_trace *trace, uint64_t id)
         return;
     const struct gn_ref_ray *ray = trace->setup.ray;
     const struct gn_ref_primitive primitive = gn_ref_scene_primitive(trace->scene, id);
-    const struct gn_ref_instance *instance = &trace->scene->instances[primitive.instance];
-    const float *box = trace->scene->blases[instance->blas].geometries[primitive.geometry].aabbs[primitive.primitive];
     struct gn_ref_interval entry, leave;
-    int decision = gn_ref_box_f64(&entry, &leave, &trace->scene->instance_data[primitive.instance],
-                                  instance->transform, box, ray);
+    int decision = gn_ref_box_f64(&entry, &leave, trace->scene, &primitive, ray);
     if (decision < 0) {
         trace->filtered++;
         return;

@@ -268,7 +268,8 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
 static bool certified_create(struct gn_ref_tracer *tracer)
 {
     const struct gn_ref_scene *scene = tracer->scene;
-    tracer->cost.bytes = scene->bytes + malloc_usable_size(scene->boxes) + scene->box_bvh.bytes;
+    tracer->cost.bytes = scene->bytes + malloc_usable_size(scene->boxes) +
+                         malloc_usable_size(scene->box_transforms) + scene->box_bvh.bytes;
     tracer->cost.seconds = scene->commit_seconds;
     return true;
 }
