@@ -8,6 +8,8 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <spirv/unified1/NonSemanticShaderDebugInfo100.h>
+
 /* It defines a variable, so only this file may include it. */
 #include <spirv-tools/libspirv.h>
 
@@ -249,6 +251,15 @@ static bool index_ids(struct module *module)
     return true;
 }
 
+/* SPIRV-Tools' validator reads the block around DebugFunctionDefinition without asking whether there is one. */
+static bool needs_block(const struct module *module, const struct inst *inst)
+{
+    uint32_t number;
+    return inst->opcode != SpvOpLine && inst->opcode != SpvOpNoLine &&
+           (inst->opcode != SpvOpExtInst ||
+            (is_debug(module, inst, &number) && number == NonSemanticShaderDebugInfo100DebugFunctionDefinition));
+}
+
 /* Functions and blocks in the order of the module; counts only while the arrays are NULL. */
 static bool nest(struct module *module)
 {
@@ -310,8 +321,7 @@ static bool nest(struct module *module)
                 expected = "one merge instruction inside of a block";
             else
                 block->merge = i;
-        } else if (module->function_count && !block && inst->opcode != SpvOpLine && inst->opcode != SpvOpNoLine &&
-                   inst->opcode != SpvOpExtInst) {
+        } else if (module->function_count && !block && needs_block(module, inst)) {
             expected = "instructions inside of blocks";
         }
         if (expected) {
@@ -473,7 +483,12 @@ bool gn_spirv_validate(const uint32_t *words, size_t word_count, uint32_t vulkan
     spv_target_env environment = vulkan_minor == 0   ? SPV_ENV_UNIVERSAL_1_6
                                  : vulkan_minor <= 2 ? SPV_ENV_VULKAN_1_2
                                                      : SPV_ENV_VULKAN_1_3;
-    return tools_validate(words, word_count, environment, vulkan_minor == 0, out_message, message_size) == SPV_SUCCESS;
+    struct module module;
+    struct arena arena = {NULL};
+    bool valid = module_parse(&module, &arena, words, word_count, out_message, message_size) == GN_SPIRV_UNTOUCHED &&
+                 tools_validate(words, word_count, environment, vulkan_minor == 0, out_message, message_size) == SPV_SUCCESS;
+    arena_finish(&arena);
+    return valid;
 }
 
 uint32_t *gn_spirv_round_trip(const uint32_t *words, size_t word_count, size_t *out_count, char *out_message,

@@ -5,6 +5,7 @@
 #include <stdlib.h>
 #include <string.h>
 
+#include <spirv/unified1/NonSemanticShaderDebugInfo100.h>
 #include <spirv/unified1/spirv.h>
 
 #include "checks/spirv/records.h"
@@ -111,6 +112,47 @@ static void operands_of_other_types_are_declined(void **state)
     }
 }
 
+/* SPIRV-Tools' validator crashes on what says where a function's debug info is when no block is around it. */
+static void debug_info_outside_of_blocks_is_refused(void **state)
+{
+    static const struct {
+        const char *name;
+        uint32_t before; /* the first of these after the instruction's function has begun */
+        enum gn_spirv_status expected;
+    } table[] = {
+        {"in the first block", SpvOpReturn, GN_SPIRV_INSTRUMENTED},
+        {"before the first block", SpvOpLabel, GN_SPIRV_INVALID},
+        {"after the last block", SpvOpFunctionEnd, GN_SPIRV_INVALID},
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof table / sizeof table[0]; i++) {
+        const struct gn_spirv_options options = {.set = 7};
+        struct gn_spirv_result result;
+        char message[512];
+        uint32_t moved[8];
+        size_t count, function = 0, at = 5, to;
+        uint32_t *words = module_load("debug", "getter_uninitialized.comp", &count);
+        for (; at < count && !((words[at] & 0xFFFF) == SpvOpExtInst && words[at] >> 16 == 7 &&
+                               words[at + 4] == NonSemanticShaderDebugInfo100DebugFunctionDefinition);
+             at += words[at] >> 16)
+            if ((words[at] & 0xFFFF) == SpvOpFunction)
+                function = at;
+        assert_true(function && at < count);
+        memcpy(moved, words + at, 7 * sizeof *words);
+        memmove(words + at, words + at + 7, (count - at - 7) * sizeof *words);
+        for (to = function; (words[to] & 0xFFFF) != table[i].before; to += words[to] >> 16)
+            assert_true(to < count - 7);
+        memmove(words + to + 7, words + to, (count - to - 7) * sizeof *words);
+        memcpy(words + to, moved, 7 * sizeof *words);
+        gn_spirv_instrument(words, count, &options, &result);
+        if (result.status != table[i].expected)
+            fail_msg("%s: %s: %s", table[i].name, gn_spirv_status_name(result.status), result.message);
+        assert_int_equal(gn_spirv_validate(words, count, 0, message, sizeof message), result.status == GN_SPIRV_INSTRUMENTED);
+        gn_spirv_result_finish(&result);
+        free(words);
+    }
+}
+
 static void records_are_not_trusted(void **state)
 {
     uint32_t words[GN_RECORDS_HEADER + GN_RECORDS_CHECK];
@@ -146,6 +188,7 @@ int main(void)
         cmocka_unit_test(the_model_loses_nothing),
         cmocka_unit_test(hostile_headers_are_refused),
         cmocka_unit_test(operands_of_other_types_are_declined),
+        cmocka_unit_test(debug_info_outside_of_blocks_is_refused),
         cmocka_unit_test(records_are_not_trusted),
         cmocka_unit_test(mutations_never_crash),
     };
