@@ -10,6 +10,7 @@
 #include <stdarg.h>
 #include <stdlib.h>
 #include <string.h>
+#include <strings.h>
 #include <time.h>
 
 static const char *const words[] = {"Pass", "Fail", "Leak", "Skip", "Crash", "Timeout"};
@@ -61,14 +62,20 @@ static bool is_date(const char *text)
     return atoi(text + 5) >= 1 && atoi(text + 5) <= 12 && atoi(text + 8) >= 1 && atoi(text + 8) <= 31;
 }
 
-/* The text behind "KEY:", or NULL. */
+/* The text behind "KEY:", in capitals or not, or NULL. */
 static const char *value_of(const char *comment, const char *key)
 {
-    size_t length = strlen(key);
-    if (strncmp(comment, key, length) != 0 || comment[length] != ':')
+    comment += strspn(comment, " \t");
+    if (strncasecmp(comment, key, strlen(key)) != 0)
         return NULL;
-    comment += length + 1;
-    return comment + strspn(comment, " \t");
+    comment += strlen(key);
+    comment += strspn(comment, " \t");
+    return *comment == ':' ? comment + 1 + strspn(comment + 1, " \t") : NULL;
+}
+
+bool gn_expectations_is_device(const char *comment)
+{
+    return value_of(comment, "device") != NULL;
 }
 
 /* One comment, which adds to what is said of the entries below it. */
@@ -82,6 +89,7 @@ static bool read_comment(struct reader *reader, const char *text)
                         expectations->device);
         expectations->device = gn_arena_printf(reader->arena, "%s", value);
         expectations->device_place = gn_arena_printf(reader->arena, "%s:%zu", reader->path, reader->number);
+        reader->reason = "";
     } else if ((value = value_of(text, "bug"))) {
         reader->bug = gn_arena_printf(reader->arena, "%s", value);
     } else if ((value = value_of(text, "expires"))) {

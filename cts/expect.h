@@ -59,10 +59,14 @@ void gn_expectations_check(const struct gn_expectations *expectations, const str
  */
 const char *gn_expectations_device(const struct gn_device_info *info, struct gn_arena *arena);
 
+/* Whether a comment, given from behind its #, says which device the file is of. */
+bool gn_expectations_is_device(const char *comment);
+
 /*
  * Rewrites a file of GN_EXPECT_STATUS, or makes one, so that it says what came out: entries of cases that pass or do not exist go, with
  * the comments that served only them; statuses become the ones found; new failures are added at the end with
- * the first sentence of their message. Entries of cases that did not run stay, and so does everything else a person wrote.
+ * the first sentence of their message. Entries of cases that did not run stay, and so does everything else a person wrote, what stands above
+ * the line of the device and dates of expiry included.
  * Counts of entries added, changed and removed are given.
  */
 struct gn_expectations_changes {

@@ -146,7 +146,12 @@ static bool update_line(struct update *update, const char *line, size_t length)
     if (length && line[lead] == '#') {
         if (update->any_entry)
             end_group(update);
-        return hold_comment(update, line, length);
+        if (!hold_comment(update, line, length))
+            return false;
+        /* What stands above the line of the device is said of the file, not of the entries below. */
+        if (gn_expectations_is_device(line + lead + 1))
+            put_comments(update);
+        return true;
     }
     if (length) {
         update_entry(update, line, length);
@@ -157,12 +162,20 @@ static bool update_line(struct update *update, const char *line, size_t length)
     return true;
 }
 
+/* An entry that has expired is one too: whether it holds any longer is for a person to say. */
+static bool has_entry(const struct gn_expectations *expectations, const char *name)
+{
+    for (size_t i = 0; i < expectations->count; i++)
+        if (expectations->list[i].kind == GN_EXPECT_STATUS && strcmp(expectations->list[i].name, name) == 0)
+            return true;
+    return false;
+}
+
 static void add_failures(struct update *update, const struct gn_expectations *expectations)
 {
     for (size_t i = 0; i < update->results->count; i++) {
         const struct gn_results_case *cs = &update->results->cases[i];
-        if (cs->outcome != GN_OUTCOME_UNEXPECTED ||
-            gn_expectations_find(expectations, GN_EXPECT_STATUS, cs->name))
+        if (cs->outcome != GN_OUTCOME_UNEXPECTED || has_entry(expectations, cs->name))
             continue;
         put(update, "", 0);
         char reason[REASON_MOST + 1];

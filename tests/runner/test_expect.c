@@ -234,7 +234,7 @@ static void update(void **state)
 {
     static const char device[] = "# device: 0x0001:0x0002 test\n";
     static const struct {
-        const char *before, *after; /* without the line of the device */
+        const char *before, *after; /* without the line of the device, which is added where there is none */
         size_t added, changed, removed;
     } rows[] = {
         /* What holds stays as it is, a comment behind an entry and a Fail for a leak included. */
@@ -251,6 +251,9 @@ static void update(void **state)
          "query.a.fails,Fail # was worse\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n", 0, 2, 0},
         {"query.a.fails,Fail\nquery.a.leaks,Leak\n",
          "query.a.fails,Fail\nquery.a.leaks,Leak\n\n# New, not looked into: why   1\nquery.a.crashes,Crash\n", 1, 0, 0},
+        /* The head of the file stays when the entries right below it go. */
+        {"# my file\n# Device : 0x0001:0x0002 test\n# mended\nquery.a.passes,Fail\n# known\nquery.a.fails,Fail\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n",
+         "# my file\n# Device : 0x0001:0x0002 test\n# known\nquery.a.fails,Fail\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n", 0, 0, 1},
     };
     (void)state;
     enum { CAME_OUT = sizeof came_out / sizeof came_out[0] };
@@ -277,7 +280,8 @@ static void update(void **state)
         assert_true(gn_expectations_update(path, &expectations, &results, catalogue, CAME_OUT + 1, &changes, error,
                                            sizeof error));
         assert_true(gn_file_read(path, 4096, &after, &length, error, sizeof error));
-        snprintf(wanted, sizeof wanted, "%s\n%s", device, rows[row].after);
+        bool has_device = strstr(rows[row].after, "Device") != NULL;
+        snprintf(wanted, sizeof wanted, "%s%s%s", has_device ? "" : device, has_device ? "" : "\n", rows[row].after);
         assert_string_equal(after, wanted);
         if (changes.added != rows[row].added || changes.changed != rows[row].changed ||
             changes.removed != rows[row].removed)
@@ -304,11 +308,41 @@ static void update(void **state)
     }
 }
 
+/* What has expired is neither written twice nor made to hold again: it stays, and stays stale. */
+static void update_expired(void **state)
+{
+    static const char content[] = "# device: 0x0001:0x0002 test\n\n# expires: 2020-01-01\nquery.a.crashes,Crash\n";
+    struct gn_selected catalogue[] = {{.name = "query.a.crashes"}};
+    struct gn_results_case cs = {.name = "query.a.crashes", .status = GN_CASE_CRASH, .message = "why"};
+    struct gn_expectations expectations = {.today = "2026-06-15"};
+    struct gn_expectations_changes changes = {0};
+    struct gn_results results;
+    char error[600], *after = NULL;
+    size_t length = 0;
+    (void)state;
+    gn_results_init(&results);
+    const char *path = write_named("x-fails.txt", content);
+    assert_true(gn_expectations_read(&expectations, path, &results.arena, error, sizeof error));
+    gn_expectations_apply(&expectations, &cs);
+    assert_int_equal(cs.outcome, GN_OUTCOME_UNEXPECTED);
+    gn_results_add(&results, &cs);
+    assert_true(gn_expectations_update(path, &expectations, &results, catalogue, 1, &changes, error, sizeof error));
+    assert_true(gn_file_read(path, 4096, &after, &length, error, sizeof error));
+    assert_string_equal(after, content);
+    gn_expectations_check(&expectations, catalogue, 1, &results);
+    assert_int_equal(results.stale_count, 1);
+    remove_named(path);
+    free(after);
+    gn_expectations_finish(&expectations);
+    gn_results_finish(&results);
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(expectation_files), cmocka_unit_test(outcomes), cmocka_unit_test(kinds_and_keys),
         cmocka_unit_test(flakes),            cmocka_unit_test(update),
+        cmocka_unit_test(update_expired),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
