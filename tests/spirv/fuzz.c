@@ -1,7 +1,8 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* spirv_fuzz COUNT [SEED [FIRST]]: instruments COUNT changed modules of the corpus, as the numbers FIRST, FIRST + 1, ... of a seed. It
  * ends with status 1 when one took longer than a second, had no reason for what it became, or was valid before and not
- * afterwards. A crash is told by the last number printed; built with --preset asan, so is a leak. */
+ * afterwards. A crash is told by the last number printed; built with --preset asan, so is a leak. A number stands for the same
+ * module only as long as the corpus has the same shaders. */
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>

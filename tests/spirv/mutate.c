@@ -145,8 +145,14 @@ size_t mutate(uint32_t *words, size_t count, bool gentle, struct chance *chance)
     case 6: /* an instruction changes its opcode, to one of the operations */
         words[at] = (words[at] & 0xFFFF0000u) | (chance_below(chance, 2) ? 4445 + chance_below(chance, 35) : 6016 + chance_below(chance, 17));
         return count;
-    case 7: { /* an instruction moves */
+    case 7: { /* an instruction moves, often one of those that say where debug info belongs */
         uint32_t moved[MUTATE_ROOM];
+        for (size_t i = chance_below(chance, 2) ? found : chance_below(chance, (uint32_t)found); i < found; i++)
+            if ((words[starts[i]] & 0xFFFF) == SpvOpExtInst) {
+                at = starts[i];
+                length = words[at] >> 16;
+                break;
+            }
         if (length > MUTATE_ROOM)
             return count;
         memcpy(moved, words + at, length * sizeof *moved);
