@@ -142,10 +142,6 @@ void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum
 /* Errors of t up to this many ulp are what the measurement itself may be wrong by, and count as none. */
 #define GN_ACCURACY_T_FLOOR 0x1p-14
 
-/* Whether a is more accurate than b as measured: fewer wrong decisions per million; of equally many, the
- * smaller largest error of t. */
-bool gn_accuracy_is_better(const struct gn_accuracy_point *a, const struct gn_accuracy_point *b);
-
 /* The most accurate point whose time is at most `budget` (that is: budget times robust's); of equally
  * accurate ones the last, whose promise is the strongest. -1: none is fast enough. */
 int gn_accuracy_choose(const struct gn_accuracy_point *points, size_t count, double budget);

@@ -27,11 +27,6 @@ static const struct {
     {"khronos", "VK_LAYER_KHRONOS_validation as packaged, for comparison", "VK_LAYER_KHRONOS_validation", "", "#d07a00"},
 };
 
-const char *gn_accuracy_level_name(enum gn_accuracy_level level)
-{
-    return levels[level].name;
-}
-
 /* Variables that a level sets for the process that is started next; what was there comes back. */
 enum { VARIABLES = 6 };
 struct environment {
@@ -160,7 +155,8 @@ bool gn_accuracy_layer_measure(const struct gn_accuracy *accuracy, const char *i
     return ok;
 }
 
-double gn_accuracy_layer_mean(const struct gn_accuracy_layer *layer, enum gn_accuracy_level level)
+/* The geometric mean of a level's ratios; NaN without any. */
+static double mean_of(const struct gn_accuracy_layer *layer, enum gn_accuracy_level level)
 {
     double sum = 0;
     uint32_t count = 0;
@@ -215,7 +211,7 @@ void gn_accuracy_layer_print(FILE *file, const struct gn_accuracy *accuracy)
     }
     fprintf(file, "\n%-28s %10s", "geometric mean", "");
     for (int level = 1; level < GN_LEVEL_COUNT; level++)
-        fprintf(file, " %14.2f", gn_accuracy_layer_mean(layer, (enum gn_accuracy_level)level));
+        fprintf(file, " %14.2f", mean_of(layer, (enum gn_accuracy_level)level));
     fputs("\n", file);
     if (layer->left_out[0])
         fprintf(file, "Left out: %s.\n", layer->left_out);
@@ -304,7 +300,7 @@ void gn_accuracy_layer_html(FILE *file, const struct gn_accuracy *accuracy)
     }
     fputs("<tr class=total><td>geometric mean<td><td>", file);
     for (int level = 1; level < GN_LEVEL_COUNT; level++) {
-        double mean = gn_accuracy_layer_mean(layer, (enum gn_accuracy_level)level);
+        double mean = mean_of(layer, (enum gn_accuracy_level)level);
         if (isnan(mean))
             fputs("<td class=n>-", file);
         else

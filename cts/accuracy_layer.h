@@ -15,8 +15,6 @@ enum gn_accuracy_level {
     GN_LEVEL_KHRONOS, /* Khronos' validation layer as the distribution packages it, for comparison */
     GN_LEVEL_COUNT
 };
-/* "off", "state", "state+shaders", "khronos". */
-const char *gn_accuracy_level_name(enum gn_accuracy_level level);
 
 struct gn_accuracy_layer_row {
     const char *workload, *about;
@@ -37,9 +35,6 @@ struct gn_accuracy_layer {
  */
 bool gn_accuracy_layer_measure(const struct gn_accuracy *accuracy, const char *icd, struct gn_arena *arena,
                                struct gn_accuracy_layer *out, char *out_error, size_t error_size);
-
-/* The geometric mean of a level's ratios; NaN without any. */
-double gn_accuracy_layer_mean(const struct gn_accuracy_layer *layer, enum gn_accuracy_level level);
 
 struct yyjson_mut_doc;
 struct yyjson_mut_val;

@@ -57,7 +57,9 @@ static double t_error_of(const struct gn_accuracy_point *point)
     return isnan(point->t_error_max) || point->t_error_max <= GN_ACCURACY_T_FLOOR ? 0 : point->t_error_max;
 }
 
-bool gn_accuracy_is_better(const struct gn_accuracy_point *a, const struct gn_accuracy_point *b)
+/* Whether a is more accurate than b as measured: fewer wrong decisions per million; of equally many, the
+ * smaller largest error of t. */
+static bool is_better(const struct gn_accuracy_point *a, const struct gn_accuracy_point *b)
 {
     if (a->wrong_per_million != b->wrong_per_million)
         return a->wrong_per_million < b->wrong_per_million;
@@ -68,7 +70,7 @@ int gn_accuracy_choose(const struct gn_accuracy_point *points, size_t count, dou
 {
     int choice = -1;
     for (size_t i = 0; i < count; i++)
-        if (points[i].time <= budget && (choice < 0 || !gn_accuracy_is_better(&points[choice], &points[i])))
+        if (points[i].time <= budget && (choice < 0 || !is_better(&points[choice], &points[i])))
             choice = (int)i;
     return choice;
 }

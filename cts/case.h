@@ -98,9 +98,7 @@ struct gn_case_curve {
     struct gn_case_point *points; /* from the easiest value to the hardest: either all grow or all shrink */
     uint32_t count;
 };
-/* Whether one of these answers left the bound: a leak, a double hit or a wrong one. */
-bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT]);
-/* The first point with one: the driver's answers, or a tier's. NULL: there is none. */
+/* The first point with an answer that left the bound (a leak, a double hit or a wrong one): the driver's answers, or a tier's. NULL: there is none. */
 const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve);
 const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *curve, enum gn_ref_tier tier);
 

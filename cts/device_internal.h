@@ -285,8 +285,6 @@ enum gn_trace_way {
     GN_WAY_ANY_HIT_ENDS = 256,
 };
 
-/* The layouts that all shaders of traces share. */
-enum gn_device_status gn_trace_layouts_create(struct gn_device *device);
 /* Records the pipeline, the descriptors and the constants. */
 void gn_trace_bind(struct gn_device *device, VkPipelineBindPoint point, VkPipeline pipeline,
                    const struct gn_trace_constants *constants);

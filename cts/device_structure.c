@@ -41,7 +41,8 @@ struct steps_run {
     uint32_t step; /* the round */
 };
 
-bool gn_steps_take_final(const uint8_t *steps)
+/* Whether a step takes the final data, so that the first build takes the initial data. */
+static bool steps_take_final(const uint8_t *steps)
 {
     for (uint32_t i = 0; i < GN_CTS_MAX_STEPS && steps[i] != GN_CTS_STEP_END; i++) {
         if (steps[i] == GN_CTS_STEP_REFIT || steps[i] == GN_CTS_STEP_REFIT_COPY || steps[i] == GN_CTS_STEP_REBUILD) {
@@ -68,7 +69,7 @@ bool gn_steps_take_both(const uint8_t *steps)
     for (uint32_t i = 0; i < GN_CTS_MAX_STEPS && steps[i] != GN_CTS_STEP_END; i++) {
         over = over || steps[i] == GN_CTS_STEP_CLONE_OVER || steps[i] == GN_CTS_STEP_SERIALIZE_OVER;
     }
-    return over || gn_steps_take_final(steps);
+    return over || steps_take_final(steps);
 }
 
 /* The step that a structure takes in this round; END from its last one on. */
@@ -258,7 +259,7 @@ static enum gn_device_status first_build(struct steps_run *run)
         }
         structure->size_before_compaction = structure->size;
         const struct gn_build_input *input =
-            gn_steps_take_final(structure->steps) ? &structure->initial : &structure->final;
+            steps_take_final(structure->steps) ? &structure->initial : &structure->final;
         infos[i] = build_info(run, structure, input);
         ranges[i] = input->ranges;
         built[i] = structure;

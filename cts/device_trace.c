@@ -94,7 +94,8 @@ static VkShaderStageFlags stages(const struct gn_device *device)
     return flags;
 }
 
-enum gn_device_status gn_trace_layouts_create(struct gn_device *device)
+/* The layouts that all shaders of traces share. */
+static enum gn_device_status layouts_create(struct gn_device *device)
 {
     if (device->pipeline_layout) {
         return GN_DEVICE_OK;
@@ -175,7 +176,7 @@ static enum gn_device_status program_create(struct gn_device *device, uint32_t n
     if (program->pipeline) {
         return GN_DEVICE_OK;
     }
-    enum gn_device_status status = gn_trace_layouts_create(device);
+    enum gn_device_status status = layouts_create(device);
     if (status != GN_DEVICE_OK) {
         return status;
     }
@@ -315,7 +316,7 @@ static enum gn_device_status route_prepare(struct gn_built_scene *built, const s
     if (query && route->entry != GN_CTS_QUERY && program != GN_CTS_COMMITTED) {
         return gn_device_fail(device, GN_DEVICE_FAILED, "the case is not valid: that stage has one program only");
     }
-    const enum gn_device_status status = gn_trace_layouts_create(device);
+    const enum gn_device_status status = layouts_create(device);
     if (status != GN_DEVICE_OK) {
         return status;
     }

@@ -606,7 +606,7 @@ static void samples_bins(const struct gn_case_samples *samples, uint64_t bins[GN
     }
 }
 
-bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT])
+static bool classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT])
 {
     return class_counts[GN_REF_LEAK] || class_counts[GN_REF_DOUBLE_HIT] || class_counts[GN_REF_WRONG];
 }
@@ -614,7 +614,7 @@ bool gn_case_classes_left(const uint64_t class_counts[GN_REF_VERDICT_CLASS_COUNT
 const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve)
 {
     for (uint32_t i = 0; i < curve->count; i++)
-        if (gn_case_classes_left(curve->points[i].class_counts))
+        if (classes_left(curve->points[i].class_counts))
             return &curve->points[i];
     return NULL;
 }
@@ -622,7 +622,7 @@ const struct gn_case_point *gn_case_curve_left(const struct gn_case_curve *curve
 const struct gn_case_point *gn_case_curve_tier_left(const struct gn_case_curve *curve, enum gn_ref_tier tier)
 {
     for (uint32_t i = 0; i < curve->count; i++)
-        if (gn_case_classes_left(curve->points[i].tiers[tier].class_counts))
+        if (classes_left(curve->points[i].tiers[tier].class_counts))
             return &curve->points[i];
     return NULL;
 }

@@ -30,9 +30,10 @@ static void aim(struct gn_case_run *run, const struct gn_mesh_case *what, const 
         gn_case_fail(run, "the case itself is wrong: expected transforms that move its rays without rounding");
 }
 
-struct gn_cts_ray *gn_mesh_case_rays(struct gn_case_run *run, const struct gn_mesh_case *what,
-                                     const struct gn_mesh *mesh, const float *geometry_transform,
-                                     const float *instance_transform, uint32_t *out_count)
+/* Those of the case, at the mesh where the transforms place it. */
+static struct gn_cts_ray *case_rays(struct gn_case_run *run, const struct gn_mesh_case *what,
+                                    const struct gn_mesh *mesh, const float *geometry_transform,
+                                    const float *instance_transform, uint32_t *out_count)
 {
     const uint32_t wanted[4] = {what->interior, what->edge, what->vertex, what->random};
     uint32_t counts[4], total = 0;
@@ -79,6 +80,6 @@ void gn_mesh_case_run(struct gn_case_run *run, const struct gn_case *self)
     scene.instance_count = 1;
 
     uint32_t count;
-    struct gn_cts_ray *rays = gn_mesh_case_rays(run, what, &mesh, geometry_transform, instance_transform, &count);
+    struct gn_cts_ray *rays = case_rays(run, what, &mesh, geometry_transform, instance_transform, &count);
     gn_case_trace(run, &scene, what->program, rays, count, 0);
 }

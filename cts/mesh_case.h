@@ -27,9 +27,4 @@ struct gn_mesh_case {
 /* Makes and traces it; to be named in a table of cases, with `params` a struct gn_mesh_case. */
 void gn_mesh_case_run(struct gn_case_run *run, const struct gn_case *self);
 
-/* The rays alone: those of the case at the mesh where the transforms place it. The count is given. */
-struct gn_cts_ray *gn_mesh_case_rays(struct gn_case_run *run, const struct gn_mesh_case *what,
-                                     const struct gn_mesh *mesh, const float *geometry_transform,
-                                     const float *instance_transform, uint32_t *out_count);
-
 #endif

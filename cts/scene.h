@@ -33,8 +33,6 @@ enum gn_cts_step {
     GN_CTS_STEP_COUNT
 };
 #define GN_CTS_MAX_STEPS 8
-/* Whether a step takes the final data, so that the first build takes the initial data. */
-bool gn_steps_take_final(const uint8_t *steps);
 /* Whether the initial data are read as well as the final ones. */
 bool gn_steps_take_both(const uint8_t *steps);
 

@@ -4,7 +4,7 @@
 
 #include <string.h>
 
-bool gn_sweep_judges(const struct gn_sweep *sweep, double value)
+static bool judges(const struct gn_sweep *sweep, double value)
 {
     bool grows = sweep->values[sweep->value_count - 1] >= sweep->values[0];
     return grows ? value <= sweep->judged_to : value >= sweep->judged_to;
@@ -36,7 +36,7 @@ void gn_sweep_trace(struct gn_case_run *run, const struct gn_sweep *sweep, gn_sw
         struct gn_arena arena = {0};
         struct gn_sweep_scene scene;
         gn_sweep_make(sweep, i, seed, count > 1e7 ? 10000000u : (uint32_t)count, &arena, &scene);
-        gn_case_point_begin(run, sweep->values[i], gn_sweep_judges(sweep, sweep->values[i]));
+        gn_case_point_begin(run, sweep->values[i], judges(sweep, sweep->values[i]));
         tracer(run, &scene, user);
         gn_case_point_end(run);
         gn_arena_finish(&arena);

@@ -40,9 +40,6 @@ struct gn_sweep {
     const void *params;
 };
 
-/* Whether the value is in the judged range. */
-bool gn_sweep_judges(const struct gn_sweep *sweep, double value);
-
 /* The scene and rays of values[index]. `seed` decides all randomness; `ray_count` may differ from the sweep's. */
 void gn_sweep_make(const struct gn_sweep *sweep, uint32_t index, uint64_t seed, uint32_t ray_count,
                    struct gn_arena *arena, struct gn_sweep_scene *out);

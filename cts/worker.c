@@ -38,7 +38,8 @@ const char *gn_case_family_name(const char *case_name, struct gn_arena *arena)
     return gn_arena_printf(arena, "%.*s", (int)strcspn(case_name, "."), case_name);
 }
 
-void gn_worker_result(const char *name, const struct gn_case *self, const struct gn_case_run *run,
+/* What a case has come to in this process, as the reports have it. Strings point into `run` and `self`. */
+static void result_of(const char *name, const struct gn_case *self, const struct gn_case_run *run,
                       struct gn_results_case *out)
 {
     const struct gn_case_result *r = &run->result;
@@ -118,7 +119,7 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     } else {
         gn_case_execute(selected->self, selected->name, selected->backend, device, seed, scale, -1, -1, &run);
     }
-    gn_worker_result(selected->name, selected->self, &run, &result);
+    result_of(selected->name, selected->self, &run, &result);
     result.family = gn_case_family_name(selected->self->name, &run.arena);
     char *text = gn_results_case_encode(&result, &length);
     *out_go_on = run.result.status != GN_CASE_ERROR;

@@ -33,10 +33,6 @@ int gn_worker_main(int argc, char **argv);
  */
 bool gn_worker_test_fault(const char *name);
 
-/* What a case has come to in this process, as the reports have it. Strings point into `run` and `self`. */
-void gn_worker_result(const char *name, const struct gn_case *self, const struct gn_case_run *run,
-                      struct gn_results_case *out);
-
 /* The family's part of a case's own name, in the arena. */
 const char *gn_case_family_name(const char *case_name, struct gn_arena *arena);
 

@@ -28,7 +28,7 @@ enum {
     DECORATION_DESCRIPTOR_SET = 34
 };
 
-struct gn_static_uses *gn_static_uses_keep(struct gn_static_uses *uses)
+static struct gn_static_uses *static_uses_keep(struct gn_static_uses *uses)
 {
     if (uses)
         uses->references++;
@@ -196,7 +196,8 @@ static void follow(const struct scan *scan, struct gn_static_uses *uses)
     }
 }
 
-struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count)
+/* What the module with exactly one entry point traces through; NULL when nothing is known. */
+static struct gn_static_uses *static_uses_scan(const uint32_t *words, size_t count)
 {
     struct scan scan = {.words = words, .count = count};
     struct gn_static_uses *uses = NULL;
@@ -228,7 +229,7 @@ struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count)
 
 void gn_uses_module_created(struct gn_device *device, VkShaderModule module, const VkShaderModuleCreateInfo *info)
 {
-    struct gn_static_uses *uses = gn_static_uses_scan(info->pCode, info->codeSize / 4);
+    struct gn_static_uses *uses = static_uses_scan(info->pCode, info->codeSize / 4);
     if (!uses && gn_spirv_has_queries(info->pCode, info->codeSize / 4))
         gn_tally_unjudged(device, GN_UNJUDGED_unfollowed_modules, 1);
     if (!uses)
@@ -269,7 +270,7 @@ static struct gn_static_uses *joined_stage(struct gn_device *device, struct gn_s
     const VkShaderModuleCreateInfo *code = gn_chain_find(stage->pNext, VK_STRUCTURE_TYPE_SHADER_MODULE_CREATE_INFO);
     if (stage->module)
         return joined(uses, gn_map_get(&device->modules, (uint64_t)stage->module));
-    struct gn_static_uses *scanned = code ? gn_static_uses_scan(code->pCode, code->codeSize / 4) : NULL;
+    struct gn_static_uses *scanned = code ? static_uses_scan(code->pCode, code->codeSize / 4) : NULL;
     uses = joined(uses, scanned);
     gn_static_uses_release(scanned);
     return uses;
@@ -354,7 +355,7 @@ VKAPI_ATTR void VKAPI_CALL gn_entry_CmdBindPipeline(VkCommandBuffer handle, VkPi
         struct gn_bound *bound = commands && (uses || commands->bound) ? gn_bound_of(device, commands) : NULL;
         if (bound && bound->uses[at] != uses) {
             gn_static_uses_release(bound->uses[at]);
-            bound->uses[at] = gn_static_uses_keep(uses);
+            bound->uses[at] = static_uses_keep(uses);
             bound->changed[at] = true;
         }
         gn_unlock(device);

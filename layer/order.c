@@ -38,7 +38,8 @@ static const char *name_of(const struct gn_device *device, VkCommandBuffer handl
     return commands ? commands->name : NULL;
 }
 
-struct gn_hazard gn_hazard_of(const struct gn_device *device, const struct gn_conflict *conflict, char *place, size_t size)
+/* For the rules. The place of the earlier command is written to `place`, which the value refers to. */
+static struct gn_hazard hazard_of(const struct gn_device *device, const struct gn_conflict *conflict, char *place, size_t size)
 {
     const struct gn_touch *first = conflict->first, *second = conflict->second;
     struct gn_object commands = {GN_OBJECT_COMMAND_BUFFER, (uint64_t)(uintptr_t)first->command_buffer,
@@ -66,7 +67,7 @@ struct gn_hazard gn_hazard_of(const struct gn_device *device, const struct gn_co
                               .end = first_end < second_end ? first_end : second_end};
 }
 
-void gn_judge_hazard(const void *value, struct gn_report *report)
+static void judge_hazard(const void *value, struct gn_report *report)
 {
     gn_rules_judge_hazard(value, report);
 }
@@ -86,9 +87,9 @@ static void tell(void *opaque, const struct gn_conflict *conflict)
     if (context->told)
         return;
     context->told = true;
-    struct gn_hazard hazard = gn_hazard_of(context->replay->device, conflict, place, sizeof place);
+    struct gn_hazard hazard = hazard_of(context->replay->device, conflict, place, sizeof place);
     gn_replay_suspect(context->replay, context->event,
-                      &(struct gn_suspect){.judge = gn_judge_hazard, .value = &hazard, .place = &hazard.place}, false,
+                      &(struct gn_suspect){.judge = judge_hazard, .value = &hazard, .place = &hazard.place}, false,
                       context->position);
 }
 
@@ -177,10 +178,10 @@ static bool tell_instance(struct gn_device *device, const struct gn_touch *first
     struct gn_conflict conflict = {first, second, gn_sync_order(device, first, second, host)};
     if (conflict.why == GN_ORDERED)
         return false;
-    struct gn_hazard hazard = gn_hazard_of(device, &conflict, first_place, sizeof first_place);
+    struct gn_hazard hazard = hazard_of(device, &conflict, first_place, sizeof first_place);
     gn_findings_init(&found);
     gn_report_suspect(device->instance,
-                      &(struct gn_suspect){.judge = gn_judge_hazard,
+                      &(struct gn_suspect){.judge = judge_hazard,
                                            .value = &hazard,
                                            .place = &hazard.place,
                                            .make_place = given_place,

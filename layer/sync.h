@@ -89,10 +89,7 @@ struct gn_accesses *gn_accesses_of_build(struct gn_device *device, const char *c
 /* Records accesses that belong to no structure. */
 void gn_command_buffer_access(struct gn_device *device, struct gn_command_buffer *commands, const char *command,
                               const struct gn_access *list, uint32_t count);
-/* For the rules. The place of the earlier command is written to `place`, which the value refers to. */
-struct gn_hazard gn_hazard_of(const struct gn_device *device, const struct gn_conflict *conflict, char *place, size_t size);
 const char *gn_event_command(const struct gn_event *event);
-void gn_judge_hazard(const void *value, struct gn_report *report);
 
 /* The stages and accesses that flags of either generation stand for, in a source or a destination scope. */
 VkPipelineStageFlags2 gn_stages_from(VkPipelineStageFlags2 stages);

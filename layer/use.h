@@ -22,9 +22,6 @@ struct gn_static_uses {
     struct gn_static_use uses[];
 };
 
-/* What the module with exactly one entry point traces through; NULL when nothing is known. `stage` is that of the entry point. */
-struct gn_static_uses *gn_static_uses_scan(const uint32_t *words, size_t count);
-struct gn_static_uses *gn_static_uses_keep(struct gn_static_uses *uses);
 void gn_static_uses_release(struct gn_static_uses *uses);
 
 /* What was created, as the application described it; called by pipeline.c without any lock. */

@@ -461,8 +461,6 @@ struct gn_ref_ray_integers {
     bool valid;
 };
 void gn_ref_ray_integers_prepare(struct gn_ref_ray_integers *out, const struct gn_ref_ray *ray);
-/* values[i] = out[i] * 2^k for one k, below 2^62 in magnitude; false when there is no such k. */
-bool gn_ref_integers_f64(int64_t *out, const double *values, int count);
 
 /*
  * The triangle by integers of fixed width: the edge functions' signs are exact (0 is zero), their values and z

@@ -51,7 +51,8 @@ bool gn_ref_trace_ray_valid(const struct gn_ref_ray *ray)
     return moves && ray->tmin >= 0 && ray->tmin <= ray->tmax;
 }
 
-bool gn_ref_trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
+/* False when the scene is not committed or the ray not valid; otherwise trace_end() has to follow. */
+static bool trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray)
 {
     gn_ref_environment_enter(&trace->environment);
     if (!scene->committed || !gn_ref_trace_ray_valid(ray)) {
@@ -74,7 +75,7 @@ bool gn_ref_trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *s
     return true;
 }
 
-void gn_ref_trace_end(struct gn_ref_trace *trace)
+static void trace_end(struct gn_ref_trace *trace)
 {
     if (trace->exact_ready)
         gn_ref_exact_finish(&trace->exact);
@@ -702,7 +703,7 @@ int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn
     struct gn_ref_trace trace;
     struct gn_ref_found *scratch = NULL;
     int64_t result = -1;
-    if (!gn_ref_trace_begin(&trace, scene, ray))
+    if (!trace_begin(&trace, scene, ray))
         return -1;
     if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
         traverse_triangles(&trace);
@@ -721,7 +722,7 @@ int64_t gn_ref_trace_all_exact(const struct gn_ref_scene *scene, const struct gn
     result = (int64_t)trace.count;
 out:
     free(scratch);
-    gn_ref_trace_end(&trace);
+    trace_end(&trace);
     return result;
 }
 
@@ -729,7 +730,7 @@ int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_r
                              struct gn_ref_hit *out_hit)
 {
     struct gn_ref_trace trace;
-    if (!gn_ref_trace_begin(&trace, scene, ray))
+    if (!trace_begin(&trace, scene, ray))
         return -1;
     trace.closest = true;
     if (!(ray->flags & GN_REF_RAY_SKIP_TRIANGLES))
@@ -737,7 +738,7 @@ int gn_ref_trace_closest_any(const struct gn_ref_scene *scene, const struct gn_r
     int result = trace.count > 0;
     if (result)
         gn_ref_trace_hit_write(&trace, &trace.found[0], out_hit);
-    gn_ref_trace_end(&trace);
+    trace_end(&trace);
     return result;
 }
 
@@ -764,7 +765,7 @@ int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref
     struct gn_ref_trace trace;
     struct gn_ref_primitive triangles[2];
     int order = 0;
-    if (!gn_ref_trace_begin(&trace, scene, ray))
+    if (!trace_begin(&trace, scene, ray))
         return 0;
     if (triangle_named(scene, a, &triangles[0]) && triangle_named(scene, b, &triangles[1]) &&
         gn_ref_primitive_compare(&triangles[0], &triangles[1]) != 0) {
@@ -780,6 +781,6 @@ int gn_ref_compare_t_exact(const struct gn_ref_scene *scene, const struct gn_ref
         mpz_clear(first.numerator);
         mpz_clear(first.denominator);
     }
-    gn_ref_trace_end(&trace);
+    trace_end(&trace);
     return order;
 }

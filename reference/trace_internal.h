@@ -38,9 +38,6 @@ struct gn_ref_trace {
     struct gn_ref_environment environment;
 };
 
-/* False when the scene is not committed or the ray not valid; otherwise gn_ref_trace_end() has to follow. */
-bool gn_ref_trace_begin(struct gn_ref_trace *trace, const struct gn_ref_scene *scene, const struct gn_ref_ray *ray);
-void gn_ref_trace_end(struct gn_ref_trace *trace);
 bool gn_ref_trace_ray_valid(const struct gn_ref_ray *ray);
 /* gn_ref_trace_closest_triangles_exact() with hits that are `stride` bytes apart. */
 void gn_ref_trace_closest_triangles_apart(const struct gn_ref_scene *scene, const struct gn_ref_ray *rays, size_t count,

@@ -18,7 +18,8 @@ __extension__ typedef unsigned __int128 uint128;
 #define MOST_BITS_64 62
 #define MOST_BITS_128 126
 
-bool gn_ref_integers_f64(int64_t *out, const double *values, int count)
+/* values[i] = out[i] * 2^k for one k, below 2^62 in magnitude; false when there is no such k. */
+static bool integers_of(int64_t *out, const double *values, int count)
 {
     int least = 100000;
     for (int pass = 0; pass < 2; pass++) {
@@ -58,7 +59,7 @@ void gn_ref_matrix_prepare(struct gn_ref_matrix *out, const float transform[12])
     for (int i = 0; i < 12; i++)
         values[i] = transform[i];
     values[12] = 1;
-    out->valid = gn_ref_integers_f64(out->m, values, 13);
+    out->valid = integers_of(out->m, values, 13);
     out->identity = true;
     for (int i = 0; i < 12; i++)
         out->identity &= transform[i] == gn_ref_identity[i];
@@ -68,7 +69,7 @@ void gn_ref_ray_integers_prepare(struct gn_ref_ray_integers *out, const struct g
 {
     double origin[4] = {ray->origin[0], ray->origin[1], ray->origin[2], 1};
     double direction[3] = {ray->direction[0], ray->direction[1], ray->direction[2]};
-    out->valid = gn_ref_integers_f64(out->origin, origin, 4) && gn_ref_integers_f64(out->direction, direction, 3);
+    out->valid = integers_of(out->origin, origin, 4) && integers_of(out->direction, direction, 3);
 }
 
 static uint128 magnitude_128(int128 value)
@@ -178,7 +179,7 @@ bool gn_ref_triangle_wide(struct gn_ref_lane *out, const struct gn_ref_scene *sc
     for (int v = 0; v < 3; v++)
         memcpy(values + 3 * v, geometry->positions[geometry->triangles[primitive->primitive][v]], 3 * sizeof(double));
     values[9] = geometry->divisor;
-    if (!ray->valid || !gn_ref_integers_f64(integers, values, 10))
+    if (!ray->valid || !integers_of(integers, values, 10))
         return false;
     int128 a[3][3], weight = integers[9];
     for (int v = 0; v < 3; v++)

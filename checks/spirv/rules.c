@@ -3,8 +3,6 @@
  * (operands); what runs on the device is in checks.c. */
 #include "checks/spirv/spirv.h"
 
-#include <string.h>
-
 #define EXTENSION "SPV_KHR_ray_query"
 
 /* Vulkan leaves it undefined, so it is wrong under every API that runs on Vulkan. */
@@ -404,12 +402,4 @@ _Static_assert(sizeof rules / sizeof rules[0] == GN_SPIRV_RULE_COUNT, "a block f
 const struct gn_spirv_rule *gn_spirv_rule_at(enum gn_spirv_rule_index index)
 {
     return (unsigned)index < GN_SPIRV_RULE_COUNT ? &rules[index] : NULL;
-}
-
-const struct gn_spirv_rule *gn_spirv_rule_find(const char *id)
-{
-    for (int i = 0; i < GN_SPIRV_RULE_COUNT; i++)
-        if (strcmp(rules[i].id, id) == 0)
-            return &rules[i];
-    return NULL;
 }

@@ -37,9 +37,8 @@ struct gn_spirv_rule {
     enum gn_severity severity[GN_PROFILE_COUNT];
 };
 
-/* NULL when out of range or unknown. */
+/* NULL when out of range. */
 const struct gn_spirv_rule *gn_spirv_rule_at(enum gn_spirv_rule_index index);
-const struct gn_spirv_rule *gn_spirv_rule_find(const char *id);
 
 struct gn_spirv_options {
     enum gn_profile profile; /* rules that are silent in it are not evaluated */
