@@ -15,6 +15,11 @@
 
 static const char *const words[] = {"Pass", "Fail", "Leak", "Skip", "Crash", "Timeout"};
 
+/* What comments say of entries. Never NULL. */
+struct said {
+    const char *reason, *bug, *expires;
+};
+
 /* What a file's reading is at. */
 struct reader {
     struct gn_expectations *expectations;
@@ -22,8 +27,7 @@ struct reader {
     const char *path;
     enum gn_expectation_kind kind;
     size_t number, first; /* of the line; of this file's entries in the list */
-    /* From the comment lines above; they hold for every entry until the next comment or empty line. */
-    const char *reason, *bug, *expires;
+    struct said above; /* in comment lines; it holds for every entry until the next comment or empty line */
     bool used;
     char *error;
     size_t error_size;
@@ -59,7 +63,10 @@ static bool is_date(const char *text)
     for (size_t i = 0; shape[i]; i++)
         if (shape[i] == '0' ? !isdigit((unsigned char)text[i]) : text[i] != shape[i])
             return false;
-    return atoi(text + 5) >= 1 && atoi(text + 5) <= 12 && atoi(text + 8) >= 1 && atoi(text + 8) <= 31;
+    static const int days[] = {31, 28, 31, 30, 31, 30, 31, 31, 30, 31, 30, 31};
+    int year = atoi(text), month = atoi(text + 5), day = atoi(text + 8);
+    bool leap = month == 2 && year % 4 == 0 && (year % 100 != 0 || year % 400 == 0);
+    return month >= 1 && month <= 12 && day >= 1 && day <= days[month - 1] + leap;
 }
 
 /* The text behind "KEY:", in capitals or not, or NULL. */
@@ -78,27 +85,38 @@ bool gn_expectations_is_device(const char *comment)
     return value_of(comment, "device") != NULL;
 }
 
-/* One comment, which adds to what is said of the entries below it. */
-static bool read_comment(struct reader *reader, const char *text)
+static bool read_device(struct reader *reader, const char *value)
 {
     struct gn_expectations *expectations = reader->expectations;
+    if (expectations->device && strcmp(expectations->device, value) != 0)
+        return fail(reader, "this file is of the device '%s', but %s is of '%s'", value, expectations->device_place,
+                    expectations->device);
+    expectations->device = gn_arena_printf(reader->arena, "%s", value);
+    expectations->device_place = gn_arena_printf(reader->arena, "%s:%zu", reader->path, reader->number);
+    return true;
+}
+
+/* One comment, which adds to what is said of the entries below it or, where there is an entry before it, of that one. */
+static bool read_comment(struct reader *reader, const char *text, bool behind, struct said *said)
+{
     const char *value;
     if ((value = value_of(text, "device"))) {
-        if (expectations->device && strcmp(expectations->device, value) != 0)
-            return fail(reader, "this file is of the device '%s', but %s is of '%s'", value, expectations->device_place,
-                        expectations->device);
-        expectations->device = gn_arena_printf(reader->arena, "%s", value);
-        expectations->device_place = gn_arena_printf(reader->arena, "%s:%zu", reader->path, reader->number);
-        reader->reason = "";
-    } else if ((value = value_of(text, "bug"))) {
-        reader->bug = gn_arena_printf(reader->arena, "%s", value);
+        if (behind)
+            return fail(reader, "expected `device:` in a line of its own, since it holds for the whole file");
+        said->reason = "";
+        return read_device(reader, value);
+    }
+    if ((value = value_of(text, "bug"))) {
+        said->bug = gn_arena_printf(reader->arena, "%s", value);
     } else if ((value = value_of(text, "expires"))) {
         if (!is_date(value))
             return fail(reader, "expected a date such as 2027-03-31 behind `expires:`, found '%.100s'", value);
-        reader->expires = gn_arena_printf(reader->arena, "%s", value);
+        said->expires = gn_arena_printf(reader->arena, "%s", value);
+    } else if (strncasecmp(text, "expires", 7) == 0 && is_date(text + 7 + strspn(text + 7, " \t"))) {
+        return fail(reader, "expected `expires:` before a date, found '%.100s'", text);
     } else if (*text) {
-        reader->reason = *reader->reason ? gn_arena_printf(reader->arena, "%s %s", reader->reason, text)
-                                         : gn_arena_printf(reader->arena, "%s", text);
+        said->reason = *said->reason ? gn_arena_printf(reader->arena, "%s %s", said->reason, text)
+                                     : gn_arena_printf(reader->arena, "%s", text);
     }
     return true;
 }
@@ -141,7 +159,7 @@ static bool compile(struct reader *reader, const char *name, void **out_regex)
     return true;
 }
 
-static bool read_entry(struct reader *reader, char *text, const char *behind)
+static bool read_entry(struct reader *reader, char *text, const struct said *said)
 {
     struct gn_expectations *expectations = reader->expectations;
     const char *status = "";
@@ -171,11 +189,11 @@ static bool read_entry(struct reader *reader, char *text, const char *behind)
         .kind = reader->kind,
         .name = gn_arena_printf(reader->arena, "%s", name),
         .status = status,
-        .reason = *behind ? behind : reader->reason,
-        .bug = reader->bug,
-        .expires = reader->expires,
+        .reason = said->reason,
+        .bug = said->bug,
+        .expires = said->expires,
         .place = gn_arena_printf(reader->arena, "%s:%zu", reader->path, reader->number),
-        .expired = *reader->expires && strcmp(expectations->today, reader->expires) > 0,
+        .expired = *said->expires && strcmp(expectations->today, said->expires) > 0,
         .regex = regex,
     };
     reader->used = true;
@@ -185,7 +203,7 @@ static bool read_entry(struct reader *reader, char *text, const char *behind)
 /* One line without its newline. */
 static bool read_line(struct reader *reader, char *line)
 {
-    const char *behind = "";
+    static const struct said nothing = {"", "", ""};
     char *comment = strchr(line, '#');
     if (comment) {
         *comment = 0;
@@ -193,15 +211,24 @@ static bool read_line(struct reader *reader, char *line)
     }
     char *text = trim(line);
     if (*text) {
-        if (comment)
-            behind = gn_arena_printf(reader->arena, "%s", comment);
-        return read_entry(reader, text, behind);
+        struct said said = reader->above;
+        said.reason = "";
+        if (comment && !read_comment(reader, comment, true, &said))
+            return false;
+        if (!*said.reason)
+            said.reason = reader->above.reason;
+        return read_entry(reader, text, &said);
     }
     if (!comment || reader->used) {
-        reader->reason = reader->bug = reader->expires = "";
+        reader->above = nothing;
         reader->used = false;
     }
-    return !comment || read_comment(reader, comment);
+    return !comment || read_comment(reader, comment, false, &reader->above);
+}
+
+char *gn_expectations_text(char *data)
+{
+    return strncmp(data, "\xEF\xBB\xBF", 3) == 0 ? data + 3 : data;
 }
 
 static bool ends_with(const char *text, const char *end)
@@ -231,9 +258,7 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
                                                                     : GN_EXPECT_STATUS,
                             .number = 1,
                             .first = expectations->count,
-                            .reason = "",
-                            .bug = "",
-                            .expires = "",
+                            .above = {"", "", ""},
                             .error = out_error,
                             .error_size = error_size};
     bool ok = true;
@@ -244,7 +269,7 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
     for (char *at = data; (at = strstr(at, "\r\n"));)
         *at = ' ';
     gn_text_clean(data);
-    for (char *at = data; ok && *at; reader.number++) {
+    for (char *at = gn_expectations_text(data); ok && *at; reader.number++) {
         char *end = strchr(at, '\n');
         if (end)
             *end = 0;

@@ -59,6 +59,9 @@ void gn_expectations_check(const struct gn_expectations *expectations, const str
  */
 const char *gn_expectations_device(const struct gn_device_info *info, struct gn_arena *arena);
 
+/* Where the text of a file begins: behind the mark of UTF-8 that some editors put first. */
+char *gn_expectations_text(char *data);
+
 /* Whether a comment, given from behind its #, says which device the file is of. */
 bool gn_expectations_is_device(const char *comment);
 

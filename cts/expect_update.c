@@ -214,7 +214,7 @@ bool gn_expectations_update(const char *path, const struct gn_expectations *expe
         fprintf(update.out, "# device: %s\n\n", gn_expectations_device(&results->run.device, &arena));
         update.blank = true;
     }
-    for (char *at = data; at && *at;) {
+    for (char *at = data ? gn_expectations_text(data) : NULL; at && *at;) {
         size_t line = strcspn(at, "\n");
         if (!update_line(&update, at, line))
             goto done;
