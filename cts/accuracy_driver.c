@@ -13,6 +13,7 @@
 
 #include "cts/case.h"
 #include "cts/progress.h"
+#include "cts/statistics.h"
 
 #define FAST_TRACE VK_BUILD_ACCELERATION_STRUCTURE_PREFER_FAST_TRACE_BIT_KHR
 #define UPDATABLE (FAST_TRACE | VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR)
@@ -193,18 +194,6 @@ static double time_rays(struct measurement *m, struct gn_built_scene *built, int
     return fmax(seconds, 1e-9) / ((double)times * m->ray_count);
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *values, uint32_t count)
-{
-    qsort(values, count, sizeof *values, compare_doubles);
-    return values[count / 2];
-}
-
 /* Whether the exact t of the two are equal and the given one is met at all. */
 static bool is_tied(const struct measurement *m, const struct gn_ref_ray *ray, const struct gn_ref_hit *right,
                     const struct gn_ref_answer *given)
@@ -251,7 +240,7 @@ static void compare_answers(const struct measurement *m, int aim, const struct g
     }
     row->t_error_max = row->t_error_median = (double)NAN;
     if (row->hits) {
-        row->t_error_median = median(errors, (uint32_t)row->hits);
+        row->t_error_median = gn_median(errors, (uint32_t)row->hits);
         row->t_error_max = errors[row->hits - 1];
     }
 }
@@ -320,8 +309,8 @@ static struct gn_built_scene *build(struct measurement *m, const struct gn_cts_s
         if (seconds[run] > 1)
             break;
     }
-    *out_seconds = median(seconds, builds);
-    *out_ratio = median(ratios, builds);
+    *out_seconds = gn_median(seconds, builds);
+    *out_ratio = gn_median(ratios, builds);
     return built;
 }
 
@@ -391,8 +380,8 @@ static bool measure_setting(struct measurement *m, uint32_t number, struct gn_ac
             speeds[run] = 1e-6 / seconds[1];
             ratios[run] = number == GN_ACCURACY_SETTING_PLAIN ? 1 : seconds[0] / seconds[1];
         }
-        rows[aim].mrays_per_s = median(speeds, runs);
-        rows[aim].ratio_to_plain = median(ratios, runs);
+        rows[aim].mrays_per_s = gn_median(speeds, runs);
+        rows[aim].ratio_to_plain = gn_median(ratios, runs);
     }
     out->row_count += GN_AIM_COUNT;
     ok = true;
@@ -518,7 +507,7 @@ bool gn_accuracy_driver_sum(const struct gn_accuracy_driver *driver, uint32_t sc
     if (updates)
         out->update = exp(update / updates);
     if (hit)
-        out->t_error_median = median(medians, hit);
+        out->t_error_median = gn_median(medians, hit);
     return true;
 }
 

@@ -296,13 +296,5 @@ bool gn_accuracy_html_write(const struct gn_accuracy *accuracy, const char *path
           "accuracy.png."
           "</p>\n</main></body></html>\n",
           file);
-    bool ok = !ferror(file);
-    if (fclose(file) != 0 || !ok) {
-        snprintf(out_error, error_size, "out of memory for %s", path);
-        ok = false;
-    } else {
-        ok = gn_file_write(path, page, length, out_error, error_size);
-    }
-    free(page);
-    return ok;
+    return gn_file_write_stream(path, file, &page, &length, out_error, error_size);
 }

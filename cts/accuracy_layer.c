@@ -12,6 +12,7 @@
 #include "cts/commands.h"
 #include "cts/gate.h"
 #include "cts/report_html_parts.h"
+#include "cts/statistics.h"
 #include "cts/worker.h"
 
 #define GNOMON_LAYER "VK_LAYER_GNOMON_ray_tracing"
@@ -72,18 +73,6 @@ __attribute__((format(printf, 2, 3))) static void leave_out(struct gn_accuracy_l
     va_end(arguments);
 }
 
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *values, uint32_t count)
-{
-    qsort(values, count, sizeof *values, compare);
-    return values[count / 2];
-}
-
 /* One workload on all levels that are there, in turns. A level that does not come through is not asked any more. */
 static void measure_item(const struct gn_accuracy *accuracy, const struct gn_bench_item *item,
                          struct gn_process processes[GN_LEVEL_COUNT], bool usable[GN_LEVEL_COUNT], struct gn_arena *arena,
@@ -108,12 +97,12 @@ static void measure_item(const struct gn_accuracy *accuracy, const struct gn_ben
         for (uint32_t round = 0; round < rounds; round++)
             ratios[round] = seconds[level][round] / seconds[GN_LEVEL_OFF][round];
         out->rows[out->row_count++] = (struct gn_accuracy_layer_row){item->name, item->about, (enum gn_accuracy_level)level, 0,
-                                                                     median(ratios, rounds)};
+                                                                     gn_median(ratios, rounds)};
     }
     /* After the ratios: sorting mixes the rounds. */
     for (size_t i = 0; i < out->row_count; i++)
         if (out->rows[i].workload == item->name)
-            out->rows[i].seconds = median(seconds[out->rows[i].level], rounds);
+            out->rows[i].seconds = gn_median(seconds[out->rows[i].level], rounds);
 }
 
 bool gn_accuracy_layer_measure(const struct gn_accuracy *accuracy, const char *icd, struct gn_arena *arena,

@@ -15,6 +15,7 @@
 
 #include "cts/accuracy.h"
 #include "cts/progress.h"
+#include "cts/statistics.h"
 
 #define MOST_RUNS 15
 /* A time shorter than this says little: the rays are traced again until it is reached. */
@@ -288,18 +289,6 @@ static int compare_floats(const void *a, const void *b)
     return (x > y) - (x < y);
 }
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *values, uint32_t count)
-{
-    qsort(values, count, sizeof *values, compare_doubles);
-    return values[count / 2];
-}
-
 /* The judges write the errors of their rays to the front of their parts: closes the holes between. */
 static uint64_t gather_errors(struct judge *judges, uint32_t count, int tier, int mode)
 {
@@ -322,8 +311,8 @@ static void put_row(struct measurement *m, struct gn_accuracy_row *row, struct j
         speeds[r] = 1e-6 / m->seconds[r][row->tier][row->mode];
         ratios[r] = m->seconds[r][GN_REF_TIER_ROBUST][row->mode] / m->seconds[r][row->tier][row->mode];
     }
-    row->mrays_per_s = median(speeds, runs);
-    row->ratio_to_robust = median(ratios, runs);
+    row->mrays_per_s = gn_median(speeds, runs);
+    row->ratio_to_robust = gn_median(ratios, runs);
     for (uint32_t j = 0; j < judge_count; j++) {
         const uint64_t *counts = judges[j].counts[row->tier][row->mode];
         for (int d = 0; d < DECISION_COUNT; d++)

@@ -7,12 +7,7 @@
 
 #include "cts/accuracy.h"
 #include "cts/describe.h"
-
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
+#include "cts/statistics.h"
 
 void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum gn_accuracy_mode mode,
                         struct gn_accuracy_point out[GN_REF_TIER_COUNT])
@@ -45,7 +40,7 @@ void gn_accuracy_points(const struct gn_accuracy *accuracy, uint32_t scene, enum
         point->mrays_per_s = rows ? exp(log_speed / (double)rows) : 0;
         point->wrong_per_million = point->rays ? 1e6 * (double)point->wrong / (double)point->rays : 0;
         if (hit) {
-            qsort(medians, hit, sizeof *medians, compare);
+            qsort(medians, hit, sizeof *medians, gn_doubles_compare);
             point->t_error_median = medians[hit / 2];
         }
     }

@@ -228,9 +228,7 @@ static bool write_svg(const struct gn_accuracy *accuracy, const char *path, char
         return false;
     }
     gn_accuracy_plot(file, accuracy, GN_ACCURACY_ALL_SCENES, true);
-    bool ok = fclose(file) == 0 && gn_file_write(path, text, length, out_error, error_size);
-    free(text);
-    return ok;
+    return gn_file_write_stream(path, file, &text, &length, out_error, error_size);
 }
 
 static bool write_files(const struct gn_accuracy *accuracy, const char *out, struct gn_arena *arena,

@@ -10,6 +10,7 @@
 #include "cts/driver.h"
 #include "cts/render.h"
 #include "cts/render_page.h"
+#include "cts/statistics.h"
 
 enum {
     OPTION_LIGHT = 256,
@@ -110,18 +111,6 @@ bool gn_command_render_wanted(int argc, char **argv)
     return false;
 }
 
-static int compare(const void *left, const void *right)
-{
-    const double a = *(const double *)left, b = *(const double *)right;
-    return (a > b) - (a < b);
-}
-
-static double median(double *values, uint32_t count)
-{
-    qsort(values, count, sizeof *values, compare);
-    return values[count / 2];
-}
-
 /* Times the plan and each effect forced on, in turns. */
 static bool effects_measure(struct gn_render_page *page, const struct arguments *arguments, struct gn_arena *arena)
 {
@@ -150,9 +139,9 @@ static bool effects_measure(struct gn_render_page *page, const struct arguments 
             }
             gn_arena_finish(&own);
         }
-    page->reference.seconds = median(seconds[0], arguments->runs);
+    page->reference.seconds = gn_median(seconds[0], arguments->runs);
     for (int e = 0; e < GN_RENDER_EFFECT_COUNT; e++)
-        page->forced[e].seconds = page->plan.called >> e & 1 ? 0 : median(seconds[e + 1], arguments->runs);
+        page->forced[e].seconds = page->plan.called >> e & 1 ? 0 : gn_median(seconds[e + 1], arguments->runs);
     return true;
 }
 

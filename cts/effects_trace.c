@@ -7,6 +7,7 @@
 #include <string.h>
 
 #include "cts/progress.h"
+#include "cts/statistics.h"
 #include "reference/tracer.h"
 
 #define MOST_RUNS 15
@@ -69,18 +70,6 @@ static double time_rays(const struct way *way, const struct gn_effects_subject *
     return fmax(seconds, 1e-9) / times;
 }
 
-static int compare(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
-static double median(double *values, uint32_t n)
-{
-    qsort(values, n, sizeof *values, compare);
-    return values[n / 2];
-}
-
 /* The ratio of the forced way to the usual one, in turns; the one first that was second before. */
 static bool time_both(const struct gn_effects_report *report, const struct gn_effects_subject *subject,
                       const struct way *usual, const struct way *forced, struct gn_ref_record *records,
@@ -110,8 +99,8 @@ static bool time_both(const struct gn_effects_report *report, const struct gn_ef
         slowest = fmax(slowest, placing[0]);
     }
     way_finish(&spare);
-    *out_trace = median(traces, runs);
-    *out_commit = median(commits, commit_runs);
+    *out_trace = gn_median(traces, runs);
+    *out_commit = gn_median(commits, commit_runs);
     return true;
 }
 

@@ -12,6 +12,7 @@
 
 #include "cts/gate.h"
 #include "cts/progress.h"
+#include "cts/statistics.h"
 #include "cts/worker.h"
 
 #define FIRST_ROUNDS 9
@@ -24,17 +25,11 @@
 static const char *const cache_switches[][2] = {{"MESA_SHADER_CACHE_DISABLE", "true"}, {"__GL_SHADER_DISK_CACHE", "0"}};
 enum { SWITCH_COUNT = sizeof cache_switches / sizeof cache_switches[0] };
 
-static int compare_doubles(const void *a, const void *b)
-{
-    double x = *(const double *)a, y = *(const double *)b;
-    return (x > y) - (x < y);
-}
-
 static double median(const double *values, uint32_t count)
 {
     double sorted[GN_GATE_MOST_ROUNDS];
     memcpy(sorted, values, count * sizeof *values);
-    qsort(sorted, count, sizeof *sorted, compare_doubles);
+    qsort(sorted, count, sizeof *sorted, gn_doubles_compare);
     return count % 2 ? sorted[count / 2] : (sorted[count / 2 - 1] + sorted[count / 2]) / 2;
 }
 
@@ -65,7 +60,7 @@ void gn_gate_time_decide(struct gn_gate_time *time, double budget)
     time->now_median = median(time->now, time->rounds);
     time->before_median = median(time->before, time->rounds);
     time->ratio = median(ratios, time->rounds);
-    qsort(ratios, time->rounds, sizeof *ratios, compare_doubles);
+    qsort(ratios, time->rounds, sizeof *ratios, gn_doubles_compare);
     uint32_t cut = order_cut(time->rounds);
     if (time->item->bytes) {
         time->low = time->high = time->ratio;

@@ -679,13 +679,5 @@ bool gn_results_html_write(const struct gn_results *results, const char *out, co
     put_all(file, results);
     put_details(file, results);
     fprintf(file, "</main><script>%s</script></body></html>\n", gn_html_script);
-    bool ok = !ferror(file);
-    if (fclose(file) != 0 || !ok) {
-        snprintf(out_error, error_size, "out of memory for %s", path);
-        ok = false;
-    } else {
-        ok = gn_file_write(path, page, length, out_error, error_size);
-    }
-    free(page);
-    return ok;
+    return gn_file_write_stream(path, file, &page, &length, out_error, error_size);
 }

@@ -85,6 +85,18 @@ done:
     return ok;
 }
 
+bool gn_file_write_stream(const char *path, FILE *stream, char **text, const size_t *length, char *out_error, size_t error_size)
+{
+    bool ok = !ferror(stream);
+    ok = fclose(stream) == 0 && ok;
+    if (ok)
+        ok = gn_file_write(path, *text, *length, out_error, error_size);
+    else
+        snprintf(out_error, error_size, "out of memory for %s", path);
+    free(*text);
+    return ok;
+}
+
 bool gn_file_read(const char *path, size_t limit, char **out_data, size_t *out_length, char *out_error,
                   size_t error_size)
 {
@@ -160,9 +172,7 @@ bool gn_results_csv_write(const struct gn_results *results, const char *path, ch
     for (size_t i = 0; i < results->count; i++)
         fprintf(file, "%s,%s,%.6f\n", results->cases[i].name, csv_status(&results->cases[i]),
                 results->cases[i].seconds);
-    bool ok = fclose(file) == 0 && gn_file_write(path, text, length, out_error, error_size);
-    free(text);
-    return ok;
+    return gn_file_write_stream(path, file, &text, &length, out_error, error_size);
 }
 
 bool gn_results_jsonl_read(struct gn_results *results, const char *path, char *out_error, size_t error_size)
