@@ -313,7 +313,7 @@ void gn_expectations_apply(const struct gn_expectations *expectations, struct gn
     const struct gn_expectation *entry = gn_expectations_find(expectations, GN_EXPECT_STATUS, cs->name);
     const struct gn_expectation *flake = gn_expectations_find(expectations, GN_EXPECT_FLAKE, cs->name);
     bool failed = gn_case_status_is_failure(cs->status);
-    bool expects_failure = entry && strcmp(entry->status, "Pass") != 0 && strcmp(entry->status, "Skip") != 0;
+    bool as_said = !entry || strcmp(entry->status, gn_case_status_deqp(cs->status)) == 0;
     cs->outcome = failed ? GN_OUTCOME_UNEXPECTED : GN_OUTCOME_AS_EXPECTED;
     if (failed && entry &&
         (strcmp(entry->status, gn_case_status_deqp(cs->status)) == 0 ||
@@ -323,8 +323,11 @@ void gn_expectations_apply(const struct gn_expectations *expectations, struct gn
         if (failed)
             cs->outcome = GN_OUTCOME_EXPECTED_FAILURE;
         entry = flake;
-    } else if (cs->status == GN_CASE_PASS && expects_failure) {
+    } else if (cs->status == GN_CASE_PASS && !as_said) {
         cs->outcome = GN_OUTCOME_UNEXPECTED_PASS;
+    } else if (cs->status == GN_CASE_SKIP && !as_said &&
+               !gn_expectations_find(expectations, GN_EXPECT_SKIP, cs->name)) {
+        cs->outcome = GN_OUTCOME_UNEXPECTED;
     }
     cs->expected = !entry ? "" : entry == flake ? "Flake" : entry->status;
     cs->expected_reason = entry ? entry->reason : "";

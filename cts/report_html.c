@@ -504,7 +504,7 @@ static void put_failures(FILE *file, const struct gn_results *results, const cha
                  "case went wrong.",
                  GN_OUTCOME_UNEXPECTED, MOST_OPEN);
     put_cases_of(file, results, folder, "Unexpected passes",
-                 "An expectation file says that these fail. They passed: take them out of the file.",
+                 "An expectation file says that these do not pass. They passed: take them out of the file.",
                  GN_OUTCOME_UNEXPECTED_PASS, 0);
     if (results->stale_count) {
         fputs("<h2>Stale expectations</h2>\n<ul>", file);

@@ -85,7 +85,7 @@ static void put_case(xmlTextWriterPtr writer, const struct gn_results_case *cs)
         bool pass = cs->outcome == GN_OUTCOME_UNEXPECTED_PASS;
         xmlTextWriterStartElement(writer, UTF8(is_error(cs) ? "error" : "failure"));
         attribute(writer, "type", pass ? "unexpected pass" : gn_case_status_name(cs->status));
-        attribute(writer, "message", pass ? "passed, but was expected to fail" : cs->message);
+        attribute(writer, "message", pass ? "passed against expectation" : cs->message);
         if (cs->spec[0])
             xmlTextWriterWriteFormatString(writer, "evidence for: %s\n", cs->spec);
         if (cs->replay[0])

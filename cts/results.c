@@ -195,7 +195,8 @@ void gn_results_verdict(const struct gn_results *results, char *out, size_t size
                {GN_CASE_LEAK, "leaked"},
                {GN_CASE_CRASH, "crashed"},
                {GN_CASE_TIMEOUT, "timed out"},
-               {GN_CASE_ERROR, "could not be judged"}};
+               {GN_CASE_ERROR, "could not be judged"},
+               {GN_CASE_SKIP, "skipped against expectation"}};
     struct gn_results_totals totals = gn_results_totals(results);
     uint64_t counting[GN_CASE_STATUS_COUNT] = {0};
     for (size_t i = 0; i < results->count; i++)
@@ -219,9 +220,8 @@ void gn_results_verdict(const struct gn_results *results, char *out, size_t size
         any = true;
     }
     if (totals.unexpected_passes) {
-        append(out, size, "%s%llu %s passed that %s expected to fail", any ? ", " : "",
-               (unsigned long long)totals.unexpected_passes, totals.unexpected_passes == 1 ? "case" : "cases",
-               totals.unexpected_passes == 1 ? "was" : "were");
+        append(out, size, "%s%llu %s passed against expectation", any ? ", " : "",
+               (unsigned long long)totals.unexpected_passes, totals.unexpected_passes == 1 ? "case" : "cases");
         any = true;
     }
     if (results->stale_count) {
@@ -230,7 +230,7 @@ void gn_results_verdict(const struct gn_results *results, char *out, size_t size
         any = true;
     }
     unsigned long long passed = totals.by_status[GN_CASE_PASS] - totals.unexpected_passes;
-    unsigned long long skipped = totals.by_status[GN_CASE_SKIP];
+    unsigned long long skipped = totals.by_status[GN_CASE_SKIP] - counting[GN_CASE_SKIP];
     unsigned long long expected = totals.expected_failures;
     if (!results->count)
         append(out, size, "%sno case ran", any ? "; " : "");

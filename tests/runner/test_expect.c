@@ -103,7 +103,11 @@ static void outcomes(void **state)
         {"Fail", GN_CASE_CRASH, GN_OUTCOME_UNEXPECTED}, /* worse than expected */
         {"Fail", GN_CASE_TIMEOUT, GN_OUTCOME_UNEXPECTED},
         {"Fail", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
-        {"Fail", GN_CASE_SKIP, GN_OUTCOME_AS_EXPECTED}, /* nothing was learnt */
+        {"Fail", GN_CASE_SKIP, GN_OUTCOME_UNEXPECTED}, /* the file no longer says what comes out */
+        {"Pass", GN_CASE_SKIP, GN_OUTCOME_UNEXPECTED},
+        {"Skip", GN_CASE_SKIP, GN_OUTCOME_AS_EXPECTED},
+        {"Skip", GN_CASE_PASS, GN_OUTCOME_UNEXPECTED_PASS},
+        {"Skip", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
         {"Crash", GN_CASE_CRASH, GN_OUTCOME_EXPECTED_FAILURE},
         {"Crash", GN_CASE_FAIL, GN_OUTCOME_UNEXPECTED},
         {"Timeout", GN_CASE_TIMEOUT, GN_OUTCOME_EXPECTED_FAILURE},
@@ -233,6 +237,20 @@ static void flakes(void **state)
     }
 }
 
+/* What a file of skips keeps from running says nothing against an entry of the same case. */
+static void skipped_by_file(void **state)
+{
+    struct gn_expectation entries[] = {
+        {.kind = GN_EXPECT_SKIP, .name = "query.a.b", .status = "", .reason = "", .place = ""},
+        {.kind = GN_EXPECT_STATUS, .name = "query.a.b", .status = "Fail", .reason = "", .place = ""},
+    };
+    struct gn_expectations expectations = {.list = entries, .count = 2};
+    struct gn_results_case cs = {.name = "query.a.b", .status = GN_CASE_SKIP};
+    (void)state;
+    gn_expectations_apply(&expectations, &cs);
+    assert_int_equal(cs.outcome, GN_OUTCOME_AS_EXPECTED);
+}
+
 /* What the catalogue of the rewriting test has, and what came of it. */
 static const struct {
     const char *name;
@@ -255,9 +273,9 @@ static void update(void **state)
         /* What passes goes, with the comment that was its alone; others keep theirs. */
         {"# mended\nquery.a.passes,Fail\n\n# both\nquery.a.fails,Fail\nquery.a.passes_too,Leak\n\n# all\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n",
          "# both\nquery.a.fails,Fail\n\n# all\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n", 0, 0, 2},
-        /* A case that was not run stays, one that does not exist goes. */
+        /* A case that was not run stays, one that does not exist goes; one that is skipped is said to be. */
         {"query.a.not_run,Fail\nquery.no.such,Fail\nquery.a.skipped,Fail\nquery.a.fails,Fail\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n",
-         "query.a.not_run,Fail\nquery.a.skipped,Fail\nquery.a.fails,Fail\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n", 0, 0, 1},
+         "query.a.not_run,Fail\nquery.a.skipped,Skip\nquery.a.fails,Fail\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n", 0, 1, 1},
         /* Another status is written over, what stands behind it stays. */
         {"query.a.fails,Crash # was worse\nquery.a.leaks,Leak\nquery.a.crashes,Fail\n",
          "query.a.fails,Fail # was worse\nquery.a.leaks,Leak\nquery.a.crashes,Crash\n", 0, 2, 0},
@@ -354,7 +372,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(expectation_files), cmocka_unit_test(outcomes), cmocka_unit_test(kinds_and_keys),
         cmocka_unit_test(flakes),            cmocka_unit_test(update),
-        cmocka_unit_test(update_expired),
+        cmocka_unit_test(update_expired), cmocka_unit_test(skipped_by_file),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }

@@ -287,7 +287,7 @@ static void verdicts(void **state)
          "",
          false,
          false,
-         "1 case passed that was expected to fail; 1 passed.",
+         "1 case passed against expectation; 1 passed.",
          1},
         {{{GN_CASE_PASS, E}}, 1, "", false, true, "1 expectation is stale; 1 passed.", 1},
         {{{GN_CASE_SKIP, E}, {GN_CASE_SKIP, E}},
