@@ -26,7 +26,7 @@ struct reader {
     struct gn_arena *arena;
     const char *path;
     enum gn_expectation_kind kind;
-    size_t number, first; /* of the line; of this file's entries in the list */
+    size_t number; /* of the line */
     struct said above; /* in comment lines; it holds for every entry until the next comment or empty line */
     bool used;
     char *error;
@@ -121,16 +121,21 @@ static bool read_comment(struct reader *reader, const char *text, bool behind, s
     return true;
 }
 
+static const char *status_word(const char *text)
+{
+    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++)
+        if (strcmp(text, words[i]) == 0)
+            return words[i];
+    return NULL;
+}
+
 static bool split_status(struct reader *reader, char *text, const char **out_status)
 {
     char *comma = strrchr(text, ',');
     if (!comma)
         return fail(reader, "expected `name,Status`, found '%.200s'", text);
     *comma = 0;
-    const char *name = trim(text), *status = trim(comma + 1), *word = NULL;
-    for (size_t i = 0; i < sizeof words / sizeof words[0]; i++)
-        if (strcmp(status, words[i]) == 0)
-            word = words[i];
+    const char *name = trim(text), *status = trim(comma + 1), *word = status_word(status);
     if (!word || !*name)
         return fail(reader,
                     "expected a name and one of Pass, Fail, Leak, Skip, Crash, Timeout, found '%.200s' and '%.100s'",
@@ -140,12 +145,30 @@ static bool split_status(struct reader *reader, char *text, const char **out_sta
 }
 
 /* A dot alone is what names are made of: a name is taken as it stands unless it has more than that. */
+static bool is_regex(const char *name)
+{
+    return strpbrk(name, "*+?[](){}|^$\\") != NULL;
+}
+
+/* As deqp-runner, which has none either: they can take longer than anyone waits. */
+static bool has_back_reference(const char *name)
+{
+    for (; *name; name++)
+        if (*name == '\\' && *++name >= '1' && *name <= '9')
+            return true;
+        else if (!*name)
+            break;
+    return false;
+}
+
 static bool compile(struct reader *reader, const char *name, void **out_regex)
 {
     char message[200];
     *out_regex = NULL;
-    if (reader->kind == GN_EXPECT_STATUS || !strpbrk(name, "*+?[](){}|^$\\"))
+    if (reader->kind == GN_EXPECT_STATUS || !is_regex(name))
         return true;
+    if (has_back_reference(name))
+        return fail(reader, "'%.200s' is no regular expression that is taken here: it has a back-reference", name);
     regex_t *regex = calloc(1, sizeof *regex);
     if (!regex)
         return fail(reader, "out of memory");
@@ -167,14 +190,11 @@ static bool read_entry(struct reader *reader, char *text, const struct said *sai
     if (reader->kind == GN_EXPECT_STATUS) {
         if (!split_status(reader, text, &status))
             return false;
-    } else if (strchr(text, ',')) {
+    } else if (strchr(text, ',') && (!is_regex(text) || status_word(trim(strrchr(text, ',') + 1)))) {
         return fail(reader, "expected a name alone in a file of %s, found '%.200s'",
                     reader->kind == GN_EXPECT_FLAKE ? "flakes" : "skips", text);
     }
     const char *name = trim(text);
-    for (size_t i = reader->first; i < expectations->count; i++)
-        if (strcmp(expectations->list[i].name, name) == 0)
-            return fail(reader, "'%.200s' stands at %s already", name, expectations->list[i].place);
     if (!compile(reader, name, &regex))
         return false;
     struct gn_expectation *grown = realloc(expectations->list, (expectations->count + 1) * sizeof *expectations->list);
@@ -226,6 +246,38 @@ static bool read_line(struct reader *reader, char *line)
     return !comment || read_comment(reader, comment, false, &reader->above);
 }
 
+/* By kind and name; of equal ones in the order in which they were read. */
+static int compare_entries(const void *a, const void *b)
+{
+    const struct gn_expectation *x = *(const struct gn_expectation *const *)a, *y = *(const struct gn_expectation *const *)b;
+    int order = strcmp(x->name, y->name);
+    return x->kind != y->kind ? (x->kind > y->kind) - (x->kind < y->kind) : order ? order : (x > y) - (x < y);
+}
+
+/* Whether no entry stands twice in one file, those from `first` on, and none says otherwise than one of an earlier file. */
+static bool is_consistent(const struct gn_expectations *expectations, size_t first, char *out_error, size_t error_size)
+{
+    const struct gn_expectation **sorted = calloc(expectations->count + 1, sizeof(struct gn_expectation *));
+    bool ok = sorted != NULL;
+    if (!sorted)
+        snprintf(out_error, error_size, "out of memory for %zu expectations", expectations->count);
+    for (size_t i = 0; ok && i < expectations->count; i++)
+        sorted[i] = &expectations->list[i];
+    if (ok)
+        qsort(sorted, expectations->count, sizeof(struct gn_expectation *), compare_entries);
+    for (size_t i = 1; ok && i < expectations->count; i++) {
+        const struct gn_expectation *a = sorted[i - 1], *b = sorted[i];
+        if (a->kind != b->kind || strcmp(a->name, b->name) != 0)
+            continue;
+        ok = a < expectations->list + first && strcmp(a->status, b->status) == 0;
+        if (!ok)
+            snprintf(out_error, error_size, "%s: '%.200s' stands at %s already%s%s", b->place, b->name, a->place,
+                     *a->status ? ", as " : "", a->status);
+    }
+    free(sorted);
+    return ok;
+}
+
 char *gn_expectations_text(char *data)
 {
     return strncmp(data, "\xEF\xBB\xBF", 3) == 0 ? data + 3 : data;
@@ -241,7 +293,7 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
                           char *out_error, size_t error_size)
 {
     char *data = NULL;
-    size_t length = 0;
+    size_t length = 0, first = expectations->count;
     if (!gn_file_read(path, 64 << 20, &data, &length, out_error, error_size))
         return false;
     if (!expectations->today[0]) {
@@ -257,7 +309,6 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
                                     : ends_with(path, "-skips.txt") ? GN_EXPECT_SKIP
                                                                     : GN_EXPECT_STATUS,
                             .number = 1,
-                            .first = expectations->count,
                             .above = {"", "", ""},
                             .error = out_error,
                             .error_size = error_size};
@@ -278,7 +329,7 @@ bool gn_expectations_read(struct gn_expectations *expectations, const char *path
         at = next;
     }
     free(data);
-    return ok;
+    return ok && is_consistent(expectations, first, out_error, error_size);
 }
 
 void gn_expectations_finish(struct gn_expectations *expectations)
@@ -354,4 +405,17 @@ void gn_expectations_check(const struct gn_expectations *expectations, const str
 const char *gn_expectations_device(const struct gn_device_info *info, struct gn_arena *arena)
 {
     return gn_arena_printf(arena, "0x%04x:0x%04x %s", info->vendor_id, info->device_id, info->driver_name);
+}
+
+bool gn_expectations_fit(const struct gn_expectations *expectations, const struct gn_device_info *info, char *out_error,
+                         size_t error_size)
+{
+    struct gn_arena arena = {0};
+    const char *device = gn_expectations_device(info, &arena);
+    bool ok = !expectations->device || strcmp(expectations->device, device) == 0;
+    if (!ok)
+        snprintf(out_error, error_size, "%s: these expectations are of the device '%s', the driver has '%s'",
+                 expectations->device_place, expectations->device, device);
+    gn_arena_finish(&arena);
+    return ok;
 }

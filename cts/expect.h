@@ -36,7 +36,7 @@ struct gn_expectations {
 /*
  * Adds a file's lines. A file whose name ends in -flakes.txt or -skips.txt has a name per line, any other one
  * `name,Status`. False with a message that names the line on anything else but comments, on a name that the file has
- * twice, and on a file of another device than an earlier one.
+ * twice or that an earlier one has with another status, and on a file of another device than an earlier one.
  */
 bool gn_expectations_read(struct gn_expectations *expectations, const char *path, struct gn_arena *arena,
                           char *out_error, size_t error_size);
@@ -58,6 +58,9 @@ void gn_expectations_check(const struct gn_expectations *expectations, const str
  * stay the same from one version of a driver to the next.
  */
 const char *gn_expectations_device(const struct gn_device_info *info, struct gn_arena *arena);
+/* Whether the files are of that device, or of none in particular; false with a message. */
+bool gn_expectations_fit(const struct gn_expectations *expectations, const struct gn_device_info *info, char *out_error,
+                         size_t error_size);
 
 /* Where the text of a file begins: behind the mark of UTF-8 that some editors put first. */
 char *gn_expectations_text(char *data);

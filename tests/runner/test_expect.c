@@ -162,6 +162,13 @@ static void kinds_and_keys(void **state)
         {"lvp-skips.txt", "a.b|c.d\n", NULL, GN_EXPECT_SKIP, "query.c.d.e", true}, /* as deqp-runner: anywhere */
         {"lvp-skips.txt", "query.a.[b\n", "is no regular expression", GN_EXPECT_SKIP, NULL, false},
         {"lvp-skips.txt", "query.a.b,Fail\n", "expected a name alone in a file of skips", GN_EXPECT_SKIP, NULL, false},
+        {"lvp-skips.txt", "query.a.b{1,2}c\n", NULL, GN_EXPECT_SKIP, "query.a.bbc", true},
+        {"lvp-skips.txt", "query.a.*,Fail\n", "expected a name alone", GN_EXPECT_SKIP, NULL, false},
+        {"lvp-skips.txt", "query.a.b,c\n", "expected a name alone", GN_EXPECT_SKIP, NULL, false},
+        {"lvp-skips.txt", "(a|b)*\\1\n", "back-reference", GN_EXPECT_SKIP, NULL, false},
+        {"lvp-skips.txt", "query\\.\\\\?a\\.b\n", NULL, GN_EXPECT_SKIP, "query.a.b", true},
+        {"lvp-skips.txt", "query.a.b\\\n", "is no regular expression", GN_EXPECT_SKIP, NULL, false},
+        {"lvp-flakes.txt", "query.a.b\nquery.a.c\nquery.a.b\n", ":3: 'query.a.b' stands at", GN_EXPECT_FLAKE, NULL, false},
         {"x-fails.txt", "query.a.b,Fail\nquery.a.b,Crash\n", "stands at", GN_EXPECT_STATUS, NULL, false},
         {"x-fails.txt", "# expires: 2027-01-31\nquery.a.b,Fail\n", NULL, GN_EXPECT_STATUS, "query.a.b", true},
         {"x-fails.txt", "# expires: 2026-01-31\nquery.a.b,Fail\n", NULL, GN_EXPECT_STATUS, "query.a.b", false},
@@ -234,6 +241,35 @@ static void flakes(void **state)
         if (cs.outcome != rows[i].outcome || strcmp(cs.expected, rows[i].expected) != 0)
             fail_msg("row %zu: outcome %d '%s', should be %d '%s'", i, cs.outcome, cs.expected, rows[i].outcome,
                      rows[i].expected);
+    }
+}
+
+static void several_files(void **state)
+{
+    static const struct {
+        const char *second_file, *second;
+        const char *error; /* NULL: it is read */
+    } rows[] = {
+        {"y-fails.txt", "query.a.b,Fail\n", NULL},
+        {"y-fails.txt", "query.a.b,Crash\n", "stands at"},
+        {"y-fails.txt", "query.a.c,Crash\n", NULL},
+        {"y-flakes.txt", "query.a.b\n", NULL}, /* fails mostly */
+    };
+    (void)state;
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        struct gn_arena arena = {0};
+        struct gn_expectations expectations = {0};
+        char error[600] = "";
+        const char *path = write_named("x-fails.txt", "query.a.b,Fail\n");
+        assert_true(gn_expectations_read(&expectations, path, &arena, error, sizeof error));
+        remove_named(path);
+        path = write_named(rows[i].second_file, rows[i].second);
+        bool ok = gn_expectations_read(&expectations, path, &arena, error, sizeof error);
+        remove_named(path);
+        if (rows[i].error ? ok || !strstr(error, rows[i].error) : !ok)
+            fail_msg("row %zu: expected '%s', found '%s'", i, rows[i].error ? rows[i].error : "no error", error);
+        gn_expectations_finish(&expectations);
+        gn_arena_finish(&arena);
     }
 }
 
@@ -372,7 +408,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(expectation_files), cmocka_unit_test(outcomes), cmocka_unit_test(kinds_and_keys),
         cmocka_unit_test(flakes),            cmocka_unit_test(update),
-        cmocka_unit_test(update_expired), cmocka_unit_test(skipped_by_file),
+        cmocka_unit_test(update_expired), cmocka_unit_test(skipped_by_file), cmocka_unit_test(several_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
