@@ -86,13 +86,24 @@ static bool read_shard(struct shard *shard, char *out_error, size_t error_size)
     return true;
 }
 
+/* Shards that have cases, and so a device, come first. */
+static int compare_shards(const void *a, const void *b)
+{
+    const struct shard *x = a, *y = b;
+    return !x->results.run.selected - !y->results.run.selected;
+}
+
 /* Whether the shards are the parts of one run, each of them once. */
 static bool fit(const struct shard *shards, size_t count, char *out_error, size_t error_size)
 {
     const struct gn_results_run *first = &shards[0].results.run;
     for (size_t i = 1; i < count; i++) {
         const struct gn_results_run *run = &shards[i].results.run;
-        const char *what = gn_results_run_difference(first, run);
+        struct gn_results_run copy = *run;
+        /* Where there was no case, no device was opened. */
+        if (!run->selected)
+            copy.device = first->device;
+        const char *what = gn_results_run_difference(first, &copy);
         if (!what && run->shard_count != first->shard_count)
             what = "number of shards";
         if (!what && run->durations != first->durations)
@@ -245,7 +256,10 @@ int gn_command_merge(int argc, char **argv)
     }
     for (size_t i = 0; ok && i < arguments.expect_count; i++)
         ok = gn_expectations_read(&expectations, arguments.expects[i], &results.arena, error, sizeof error);
-    ok = ok && fit(shards, read, error, sizeof error) && is_disjoint(shards, read, error, sizeof error);
+    if (ok)
+        qsort(shards, read, sizeof *shards, compare_shards);
+    ok = ok && fit(shards, read, error, sizeof error) && is_disjoint(shards, read, error, sizeof error) &&
+         gn_expectations_fit(&expectations, &shards[0].results.run.device, error, sizeof error);
     if (!ok) {
         fprintf(stderr, "gnomon: %s\n", error);
         goto done;

@@ -81,7 +81,7 @@ int gn_command_run(int argc, char **argv)
     if (argp_parse(&argp, argc, argv, 0, NULL, &arguments) != 0)
         goto done;
     exit_status = gn_run_plan_make(&plan, options, &results);
-    if (exit_status != 0 || !plan.count)
+    if (!plan.empty_shard && (exit_status != 0 || !plan.count))
         goto done;
     const char *driver = gn_driver_resolve(options->driver, &results.arena, error, sizeof error);
     if (!driver) {
@@ -89,7 +89,7 @@ int gn_command_run(int argc, char **argv)
         exit_status = 2;
         goto done;
     }
-    exit_status = arguments.selftest
+    exit_status = arguments.selftest && !plan.empty_shard
                       ? gn_selftest_run(options, &plan, driver, arguments.faults ? arguments.faults : "*")
                       : gn_run_plan_run(&plan, options, driver, options->out, gn_run_typed(&results.arena, argc, argv),
                                         &results);

@@ -92,6 +92,8 @@ static bool same_run(const struct gn_results_run *a, const struct gn_results_run
                      size_t error_size)
 {
     const char *what = strcmp(a->driver, b->driver) != 0 ? "driver" : gn_results_run_difference(a, b);
+    if (!what && (a->shard != b->shard || a->shard_count != b->shard_count || a->durations != b->durations))
+        what = "shard";
     if (what)
         snprintf(out_error, error_size, "--resume: the earlier run had another %s", what);
     return !what;

@@ -36,6 +36,8 @@ const char *gn_results_run_difference(const struct gn_results_run *a, const stru
         return "version of gnomon";
     if (a->suite != b->suite)
         return "suite of cases";
+    if (a->selection != b->selection)
+        return "choice of cases";
     if (strcmp(a->backend, b->backend) != 0)
         return "backend";
     if (a->seed != b->seed)

@@ -67,6 +67,7 @@ struct gn_results_run {
     uint32_t shard, shard_count; /* 1-based; 1 of 1 without --shard */
     uint64_t selected;           /* cases that were to run */
     uint64_t suite;              /* gn_catalogue_digest() */
+    uint64_t selection;          /* gn_catalogue_digest() of the cases that all shards have together */
     uint64_t durations;          /* a digest of the file that the shards were balanced by; 0 without */
     struct gn_device_info device;
 };

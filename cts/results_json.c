@@ -665,6 +665,7 @@ static void run_put(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct gn_r
     put_uint(doc, root, "shard_count", run->shard_count);
     put_uint(doc, root, "selected", run->selected);
     put_digest(doc, root, "suite", run->suite);
+    put_digest(doc, root, "selection", run->selection);
     if (run->durations)
         put_digest(doc, root, "durations", run->durations);
     put_real(doc, root, "bound", gn_ref_verdict_bound());
@@ -707,6 +708,7 @@ bool gn_results_run_decode(const char *text, size_t length, struct gn_arena *are
     out->shard_count = (uint32_t)get_uint(root, "shard_count");
     out->selected = get_uint(root, "selected");
     out->suite = strtoull(get_text(root, "suite", arena), NULL, 16);
+    out->selection = strtoull(get_text(root, "selection", arena), NULL, 16);
     out->durations = strtoull(get_text(root, "durations", arena), NULL, 16);
     device_decode(yyjson_obj_get(root, "device"), &out->device);
     yyjson_doc_free(doc);

@@ -12,6 +12,7 @@
 
 #include "cts/arguments.h"
 #include "cts/commands.h"
+#include "cts/output.h"
 #include "cts/progress.h"
 
 enum {
@@ -239,6 +240,7 @@ int gn_run_plan_make(struct gn_run_plan *plan, const struct gn_run_options *opti
         fprintf(stderr, "gnomon: nothing ran: %s\n", error);
         return 4;
     }
+    results->run.selection = gn_catalogue_digest(plan->cases, count);
     if (!take_shard(plan->cases, &count, options, &results->run, error, sizeof error)) {
         fprintf(stderr, "gnomon: --durations: %s\n", error);
         return 2;
@@ -249,6 +251,7 @@ int gn_run_plan_make(struct gn_run_plan *plan, const struct gn_run_options *opti
             printf("%s\n", plan->cases[i].name);
         return fflush(stdout) == 0 ? 0 : 3;
     }
+    plan->empty_shard = !count;
     if (!count) {
         fprintf(stderr, "gnomon: nothing ran: no case is in shard %u/%u\n", options->shard, options->shard_count);
         return 4;
@@ -272,6 +275,26 @@ void gn_run_plan_finish(struct gn_run_plan *plan)
     *plan = (struct gn_run_plan){0};
 }
 
+/* Gives the exit status. */
+static int write_empty_shard(const char *out, struct gn_results *results)
+{
+    struct gn_output output = {0};
+    struct gn_results earlier;
+    char error[1024];
+    int status = 2;
+    gn_results_init(&earlier);
+    results->run.jobs = 0;
+    bool ok = gn_output_open(&output, out, &earlier, &status, error, sizeof error) &&
+              gn_output_begin(&output, results, false, &status, error, sizeof error);
+    if (ok)
+        status = gn_output_end(&output, results, error, sizeof error) ? 4 : 3;
+    if (status != 4)
+        fprintf(stderr, "gnomon: %s\n", error);
+    gn_output_close(&output);
+    gn_results_finish(&earlier);
+    return status;
+}
+
 int gn_run_plan_run(const struct gn_run_plan *plan, const struct gn_run_options *options, const char *driver,
                     const char *out, const char *typed, struct gn_results *results)
 {
@@ -288,6 +311,8 @@ int gn_run_plan_run(const struct gn_run_plan *plan, const struct gn_run_options 
     run->jobs = options->jobs;
     run->shard = options->shard;
     run->shard_count = options->shard_count;
+    if (plan->empty_shard)
+        return write_empty_shard(out, results);
     struct gn_runner_options runner = {.out = out,
                                        .expectations = &plan->expectations,
                                        .max_fails = options->max_fails,

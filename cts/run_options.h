@@ -33,6 +33,7 @@ extern const struct argp gn_run_options_argp;
 struct gn_run_plan {
     struct gn_selected *catalogue, *cases; /* malloc'ed */
     size_t catalogue_count, count;
+    bool empty_shard; /* there are cases, but none in the shard */
     struct gn_expectations expectations;
 };
 /*
@@ -44,7 +45,8 @@ void gn_run_plan_finish(struct gn_run_plan *plan);
 
 /*
  * Runs the plan on a driver (an ICD file, or "" where the loader chooses) and writes its reports into `out`. `typed` is
- * what the user typed behind the command. Gives the exit status; `results` has what came of it.
+ * what the user typed behind the command. Gives the exit status; `results` has what came of it. Of an empty shard only the
+ * folder is made, for `gnomon merge`, which has to see that nothing is missing.
  */
 int gn_run_plan_run(const struct gn_run_plan *plan, const struct gn_run_options *options, const char *driver,
                     const char *out, const char *typed, struct gn_results *results);

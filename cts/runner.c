@@ -223,15 +223,10 @@ static void device_opened(struct runner *runner, const char *text, size_t length
         return;
     }
     runner->device_known = true;
-    struct gn_arena arena = {0};
-    const struct gn_expectations *expectations = runner->options->expectations;
-    const char *device = gn_expectations_device(&run->device, &arena);
-    if (expectations->device && strcmp(expectations->device, device) != 0)
-        refuse(runner, 2, "%s: these expectations are of the device '%s', the driver has '%s'",
-               expectations->device_place, expectations->device, device);
-    gn_arena_finish(&arena);
-    if (runner->refused >= 0)
+    if (!gn_expectations_fit(runner->options->expectations, &run->device, error, sizeof error)) {
+        refuse(runner, 2, "%s", error);
         return;
+    }
     if (!gn_output_begin(&runner->output, runner->results, runner->options->resume, &exit_status, error,
                          sizeof error)) {
         refuse(runner, exit_status, "%s", error);

@@ -38,6 +38,23 @@ cmp a b || fail 'joined shards differ from the whole'
 printf 'query.flags.cull_back.plain,Crash\n' >known.txt
 expect 'joined, with expectations' 0 'failed as expected' merge part3 part1 part2 --expect known.txt --out joined2
 
+printf '# device: 0x1234:0x5678 other\nquery.flags.cull_back.plain,Crash\n' >elsewhere.txt
+expect 'expectations of another device' 2 'are of the device .0x1234:0x5678 other' merge part1 part2 part3 --expect elsewhere.txt --out x
+
+# One case for two shards: the one that is left without makes a folder all the same.
+for shard in 1 2; do
+    "$gnomon" run query.flags.cull_back.plain --shard $shard/2 --out only$shard >out 2>&1
+    echo $? >>statuses
+done
+[ "$(sort statuses | tr '\n' ' ')" = '0 4 ' ] || fail "shards of one case: $(cat statuses)"
+expect 'joined, one without cases' 0 'The case passed' merge only1 only2 --out joined3
+expect 'joined in the other order' 0 'The case passed' merge only2 only1 --out joined4
+expect 'another choice of cases' 2 'another choice of cases' merge only1 part2 part3 --out x
+"$gnomon" run "$few" --shard 1/2 --out half1 >out 2>&1
+"$gnomon" run 'query.flags.cull_b*' --shard 2/2 --out half2 >out 2>&1
+expect 'other filters' 2 'another choice of cases' merge half1 half2 --out x
+expect 'going on with another shard' 2 'another shard' run "$few" --shard 2/2 --out half1 --resume
+
 expect 'a shard is missing' 2 'shard 2 of 3 is missing' merge part1 part3 --out x
 expect 'a shard twice' 2 'are both shard 1 of 3' merge part1 part1 part2 part3 --out x
 expect 'no shard' 2 'is no folder of a run' merge part1 nowhere --out x
