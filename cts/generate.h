@@ -128,6 +128,8 @@ void gn_rays_lattice(struct gn_random *random, const struct gn_mesh *mesh, enum 
                      struct gn_cts_ray *rays, uint32_t count);
 void gn_rays_lattice_both_sides(struct gn_random *random, const struct gn_mesh *mesh, enum gn_aim aim,
                                 struct gn_cts_ray *rays, uint32_t count);
+/* One that is aimed at this vertex, which triangles use. */
+void gn_ray_lattice_at(struct gn_random *random, const struct gn_mesh *mesh, uint32_t vertex, struct gn_cts_ray *ray);
 
 /*
  * Moves rays by the transform, if origins and directions come out as exact f32 values (a signed permutation
@@ -172,5 +174,7 @@ struct gn_transform_spec {
 const float *gn_transform_of(struct gn_random *random, const struct gn_transform_spec *spec, float out[12]);
 /* The image of a point. */
 void gn_transform_point(const float *transform, const double point[3], double out[3]);
+/* The inverse of the linear part, or its transpose, applied to a vector. */
+void gn_transform_inverse_apply(const float transform[12], const double v[3], bool transposed, double out[3]);
 
 #endif

@@ -40,6 +40,25 @@ static double determinant(const float m[12])
            m[2] * ((double)m[4] * m[9] - (double)m[5] * m[8]);
 }
 
+void gn_transform_inverse_apply(const float transform[12], const double v[3], bool transposed, double out[3])
+{
+    const double in[3] = {v[0], v[1], v[2]};
+    double a[3][3], cofactor[3][3], determinant = 0;
+    for (int i = 0; i < 9; i++)
+        a[i / 3][i % 3] = (double)transform[i / 3 * 4 + i % 3];
+    for (int r = 0; r < 3; r++)
+        for (int c = 0; c < 3; c++)
+            cofactor[r][c] = a[(r + 1) % 3][(c + 1) % 3] * a[(r + 2) % 3][(c + 2) % 3] -
+                             a[(r + 1) % 3][(c + 2) % 3] * a[(r + 2) % 3][(c + 1) % 3];
+    for (int c = 0; c < 3; c++)
+        determinant += a[0][c] * cofactor[0][c];
+    for (int i = 0; i < 3; i++) {
+        out[i] = 0;
+        for (int k = 0; k < 3; k++)
+            out[i] += (transposed ? cofactor[i][k] : cofactor[k][i]) * in[k] / determinant;
+    }
+}
+
 void gn_transform_point(const float *transform, const double point[3], double out[3])
 {
     double in[3] = {point[0], point[1], point[2]};
@@ -279,10 +298,30 @@ static void rays_lattice(struct gn_random *random, const struct gn_mesh *mesh, e
     }
 }
 
+/* Whether the ray of a lattice is aimed at this point. */
+static bool aimed_at(const struct gn_ref_ray *ray, const double point[3])
+{
+    for (int steps = 1; steps <= 8; steps++) {
+        bool meets = true;
+        for (int c = 0; c < 3; c++)
+            meets = meets && ray->origin[c] + steps * (double)ray->direction[c] == point[c];
+        if (meets)
+            return true;
+    }
+    return false;
+}
+
 void gn_rays_lattice(struct gn_random *random, const struct gn_mesh *mesh, enum gn_aim aim,
                      struct gn_cts_ray *rays, uint32_t count)
 {
     rays_lattice(random, mesh, aim, false, rays, count);
+}
+
+void gn_ray_lattice_at(struct gn_random *random, const struct gn_mesh *mesh, uint32_t vertex, struct gn_cts_ray *ray)
+{
+    do
+        gn_rays_lattice(random, mesh, GN_AIM_VERTEX, ray, 1);
+    while (!aimed_at(&ray->ray, mesh->positions[vertex]));
 }
 
 void gn_rays_lattice_both_sides(struct gn_random *random, const struct gn_mesh *mesh, enum gn_aim aim,

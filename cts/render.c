@@ -7,6 +7,7 @@
 #include <string.h>
 #include <time.h>
 
+#include "cts/generate.h"
 #include "cts/progress.h"
 #include "cts/table.h"
 
@@ -147,25 +148,6 @@ static const struct gn_render_material *material_of(const struct painter *painte
     return &painter->scene->materials[painter->scene->scene.instances[instance].custom_index];
 }
 
-/* out = inverse of the linear part of m applied to v, or its transpose. */
-static void inverse_apply(const float m[12], const double v[3], bool transposed, double out[3])
-{
-    double a[3][3], cofactor[3][3], determinant = 0;
-    for (int i = 0; i < 9; i++)
-        a[i / 3][i % 3] = (double)m[i / 3 * 4 + i % 3];
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            cofactor[r][c] = a[(r + 1) % 3][(c + 1) % 3] * a[(r + 2) % 3][(c + 2) % 3] -
-                             a[(r + 1) % 3][(c + 2) % 3] * a[(r + 2) % 3][(c + 1) % 3];
-    for (int c = 0; c < 3; c++)
-        determinant += a[0][c] * cofactor[0][c];
-    for (int i = 0; i < 3; i++) {
-        out[i] = 0;
-        for (int k = 0; k < 3; k++)
-            out[i] += (transposed ? cofactor[i][k] : cofactor[k][i]) * v[k] / determinant;
-    }
-}
-
 /* Where a ray meets the sphere inside of a box, the nearer side that lies ahead; false when it does not. */
 static bool sphere_meet(const struct painter *painter, const struct gn_ref_ray *ray, uint32_t instance,
                         uint32_t geometry, uint32_t primitive, double *out_t)
@@ -177,8 +159,8 @@ static bool sphere_meet(const struct painter *painter, const struct gn_ref_ray *
         from[a] = (double)ray->origin[a] - (double)m[4 * a + 3];
         toward[a] = (double)ray->direction[a];
     }
-    inverse_apply(m, from, false, origin);
-    inverse_apply(m, toward, false, direction);
+    gn_transform_inverse_apply(m, from, false, origin);
+    gn_transform_inverse_apply(m, toward, false, direction);
     for (int a = 0; a < 3; a++) {
         origin[a] -= ((double)box[a] + (double)box[a + 3]) / 2;
         radius = fmax(radius, ((double)box[a + 3] - (double)box[a]) / 2);
@@ -331,7 +313,7 @@ static void surface(const struct painter *painter, const struct path *path, cons
         const float *box = geometry->aabbs[hit->primitive];
         for (int a = 0; a < 3; a++)
             from[a] = point[a] - (double)m[4 * a + 3];
-        inverse_apply(m, from, false, object);
+        gn_transform_inverse_apply(m, from, false, object);
         for (int a = 0; a < 3; a++)
             local[a] = object[a] - ((double)box[a] + (double)box[a + 3]) / 2;
     } else {
@@ -344,7 +326,7 @@ static void surface(const struct painter *painter, const struct path *path, cons
         for (int a = 0; a < 3; a++)
             local[a] = e[(a + 1) % 3] * f[(a + 2) % 3] - e[(a + 2) % 3] * f[(a + 1) % 3];
     }
-    inverse_apply(m, local, true, normal);
+    gn_transform_inverse_apply(m, local, true, normal);
     normalize(normal);
     *out_inside = dot(normal, path->direction) > 0;
     for (int a = 0; a < 3 && *out_inside; a++)

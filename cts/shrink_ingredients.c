@@ -3,6 +3,7 @@
 #include <math.h>
 #include <string.h>
 
+#include "cts/generate.h"
 #include "cts/shrink.h"
 
 void gn_shrink_copy_make(struct gn_arena *arena, const struct gn_fuzz_trial *trial, struct gn_shrink_copy *out)
@@ -226,29 +227,12 @@ static bool ray_without(struct gn_cts_ray *ray, enum gn_fuzz_ingredient what)
     }
 }
 
-/* out = the inverse of the linear part of m times v. */
-static void inverse_apply(const float m[12], const double v[3], float out[3])
-{
-    double a[3][3], cofactor[3][3], determinant = 0;
-    for (int i = 0; i < 9; i++)
-        a[i / 3][i % 3] = (double)m[i / 3 * 4 + i % 3];
-    for (int r = 0; r < 3; r++)
-        for (int c = 0; c < 3; c++)
-            cofactor[r][c] = a[(r + 1) % 3][(c + 1) % 3] * a[(r + 2) % 3][(c + 2) % 3] -
-                             a[(r + 1) % 3][(c + 2) % 3] * a[(r + 2) % 3][(c + 1) % 3];
-    for (int c = 0; c < 3; c++)
-        determinant += a[0][c] * cofactor[0][c];
-    for (int c = 0; c < 3; c++)
-        out[c] = (float)((cofactor[0][c] * v[0] + cofactor[1][c] * v[1] + cofactor[2][c] * v[2]) / determinant);
-}
-
 /* The instance in focus alone, where its object space is. */
 static bool instances_placed(struct gn_shrink_copy *copy)
 {
-    static const float identity[12] = {1, 0, 0, 0, 0, 1, 0, 0, 0, 0, 1, 0};
     struct gn_cts_instance *instance = &copy->instances[copy->trial.focus];
     if (copy->trial.focus >= copy->trial.scene.instance_count ||
-        memcmp(instance->transform, identity, sizeof identity) == 0)
+        memcmp(instance->transform, gn_identity, sizeof gn_identity) == 0)
         return false;
     for (uint32_t i = 0; i < copy->trial.ray_count; i++) {
         struct gn_ref_ray *ray = &copy->trial.rays[i].ray;
@@ -257,14 +241,18 @@ static bool instances_placed(struct gn_shrink_copy *copy)
             origin[a] = (double)ray->origin[a] - (double)instance->transform[4 * a + 3];
             direction[a] = (double)ray->direction[a];
         }
-        inverse_apply(instance->transform, origin, ray->origin);
-        inverse_apply(instance->transform, direction, ray->direction);
+        gn_transform_inverse_apply(instance->transform, origin, false, origin);
+        gn_transform_inverse_apply(instance->transform, direction, false, direction);
+        for (int a = 0; a < 3; a++) {
+            ray->origin[a] = (float)origin[a];
+            ray->direction[a] = (float)direction[a];
+        }
     }
-    memcpy(instance->transform, identity, sizeof identity);
+    memcpy(instance->transform, gn_identity, sizeof gn_identity);
     copy->instances[0] = *instance;
     if (copy->initial_instances) {
         copy->initial_instances[0] = copy->initial_instances[copy->trial.focus];
-        memcpy(copy->initial_instances[0].transform, identity, sizeof identity);
+        memcpy(copy->initial_instances[0].transform, gn_identity, sizeof gn_identity);
     }
     copy->trial.scene.instance_count = 1;
     copy->trial.focus = 0;

@@ -91,27 +91,12 @@ const struct gn_sweep gn_stability_mixed_scales = {
     GN_SWEEP_VALUES(1, 0x1p4, 0x1p8, 0x1p16, 0x1p24, 0x1p32, 0x1p40, 0x1p48, 0x1p56, 0x1p60, 0x1p72, 0x1p88, 0x1p100),
     GN_SWEEP_CUBE *GN_SWEEP_CUBE, CUBES, 1000, mixed_scales, NULL};
 
-/* Whether the ray of a lattice is aimed at this point. */
-static bool aimed_at(const struct gn_ref_ray *ray, const double point[3])
-{
-    for (int steps = 1; steps <= 8; steps++) {
-        bool meets = true;
-        for (int c = 0; c < 3; c++)
-            meets = meets && ray->origin[c] + steps * (double)ray->direction[c] == point[c];
-        if (meets)
-            return true;
-    }
-    return false;
-}
-
 static void fan_spokes(const struct gn_sweep_request *request, struct gn_sweep_scene *out)
 {
     struct gn_mesh mesh = gn_mesh_fan(request->arena, request->random, (uint32_t)request->value, 0.125);
     gn_stability_scene(request, &mesh, NULL, NULL, out);
     for (uint32_t i = 0; i < out->ray_count; i++)
-        do
-            gn_rays_lattice(request->random, &mesh, GN_AIM_VERTEX, &out->rays[i], 1);
-        while (!aimed_at(&out->rays[i].ray, mesh.positions[0]));
+        gn_ray_lattice_at(request->random, &mesh, 0, &out->rays[i]);
 }
 const struct gn_sweep gn_stability_fan_spokes = {
     "triangles around the vertex", "", GN_SWEEP_VALUES(3, 4, 6, 8, 12, 16, 24, 32, 64, 128, 256), 256,
