@@ -212,10 +212,11 @@ void gn_case_digest(struct gn_case_run *run, const struct gn_ref_scene *referenc
 float gn_case_known_verdict(const struct gn_case_run *run, size_t ray);
 /*
  * The gate's two runs name a folder: GNOMON_ANSWERS_KEPT, where the first leaves what it keeps, and GNOMON_ANSWERS_KNOWN, where
- * the second finds it and leaves how many rays it answered otherwise. Reading fails silently: then all is judged.
+ * the second finds it and leaves how many rays it answered otherwise. Reading and writing fail
+ * silently: then all is judged.
  */
 void gn_case_known_read(struct gn_case_run *run, const char *name);
-bool gn_case_kept_write(const struct gn_case_run *run, const char *name, char *out_error, size_t error_size);
+void gn_case_kept_write(const struct gn_case_run *run, const char *name);
 /* How many rays the second run decided otherwise, or (deciding the same) computed otherwise. False where that is not known. */
 bool gn_case_changed_read(const char *folder, const char *name, uint64_t *out_decisions, uint64_t *out_numbers);
 void gn_case_kept_finish(struct gn_case_kept *kept);

@@ -12,6 +12,7 @@
 #include "cts/commands.h"
 #include "cts/driver.h"
 #include "cts/gate.h"
+#include "cts/output.h"
 #include "cts/progress.h"
 #include "cts/run_options.h"
 
@@ -69,11 +70,15 @@ static error_t parse(int key, char *argument, struct argp_state *state)
     }
 }
 
+static bool ends_with(const char *text, const char *end)
+{
+    size_t length = strlen(text), end_length = strlen(end);
+    return length >= end_length && strcmp(text + length - end_length, end) == 0;
+}
+
 static bool is_statuses(const char *path)
 {
-    size_t length = strlen(path);
-    return !(length >= 11 && strcmp(path + length - 11, "-flakes.txt") == 0) &&
-           !(length >= 10 && strcmp(path + length - 10, "-skips.txt") == 0);
+    return !ends_with(path, "-flakes.txt") && !ends_with(path, "-skips.txt");
 }
 
 /* With --update a file that does not exist is one that is to be made. */
@@ -108,18 +113,30 @@ static bool update_files(const struct gn_run_plan *plan, const char *const *path
     return true;
 }
 
-static void remove_answers(const char *folder)
+#define ANSWERS "answers-by-gnomon-"
+
+/* The folders of answers in OUT, one of a gate that was killed included, with the files that workers write and no other. */
+static void remove_answers(const char *out)
 {
-    char path[4096 + 256];
-    DIR *list = opendir(folder);
+    char folder[4096], path[4096 + 256];
+    DIR *list = opendir(out), *answers;
     struct dirent *entry;
     while (list && (entry = readdir(list))) {
-        snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
-        unlink(path);
+        if (strncmp(entry->d_name, ANSWERS, sizeof ANSWERS - 1) != 0)
+            continue;
+        snprintf(folder, sizeof folder, "%s/%s", out, entry->d_name);
+        answers = opendir(folder);
+        while (answers && (entry = readdir(answers))) {
+            snprintf(path, sizeof path, "%s/%s", folder, entry->d_name);
+            if (ends_with(path, ".kept") || ends_with(path, ".changed") || ends_with(path, ".part"))
+                unlink(path);
+        }
+        if (answers)
+            closedir(answers);
+        rmdir(folder);
     }
     if (list)
         closedir(list);
-    rmdir(folder);
 }
 
 /*
@@ -127,18 +144,21 @@ static void remove_answers(const char *folder)
  * second one need not find out again.
  */
 static int run_driver(const struct gate_options *options, const struct gn_run_plan *plan, const char *driver,
-                      const char *name, const char *typed, const char *answers, bool first, struct gn_results *results)
+                      const char *typed, const char *answers, bool first, struct gn_results *results)
 {
+    struct gn_run_options run = options->run;
     const char *variable = first ? "GNOMON_ANSWERS_KEPT" : "GNOMON_ANSWERS_KNOWN";
-    char error[1024];
-    if (answers && !gn_folder_create(answers, error, sizeof error)) {
-        fprintf(stderr, "gnomon: %s\n", error);
-        return 2;
+    const char *out = gn_arena_printf(&results->arena, "%s/%s", run.out, first ? "new" : "old");
+    const char *begun = gn_arena_printf(&results->arena, "%s/run.json", out);
+    run.quiet = true;
+    if (!first) {
+        /* What the old driver fails at is no reason to stop; and a gate killed in its first half has nothing here to go on with. */
+        run.max_fails = 0;
+        run.resume = run.resume && access(begun, F_OK) == 0;
     }
     if (answers)
         setenv(variable, answers, 1);
-    const char *out = gn_arena_printf(&results->arena, "%s/%s", options->run.out, name);
-    int status = gn_run_plan_run(plan, &options->run, driver, out, typed, results);
+    int status = gn_run_plan_run(plan, &run, driver, out, typed, results);
     unsetenv(variable);
     return status;
 }
@@ -152,13 +172,14 @@ static bool judged(int status, const struct gn_results *results)
 static int run_gate(struct gate_options *options, struct gn_run_plan *plan, const char *typed, struct gn_results *now)
 {
     char error[1024], answers[4096];
+    const char *kept = NULL; /* `answers`, where there is such a folder */
+    int lock = 0;
     double started = gn_clock();
     struct gn_results before;
     struct gn_gate gate = {.now = now, .expects = plan->expectations.count > 0, .budget = options->budget};
     struct gn_run_plan before_plan = *plan;
     int status = 2;
     gn_results_init(&before);
-    snprintf(answers, sizeof answers, "%s/answers", options->run.out);
     gate.now_driver = options->run.driver ? options->run.driver : "lavapipe";
     gate.before_driver = options->against;
     const char *driver = gn_driver_resolve(options->run.driver, &now->arena, error, sizeof error), *against = NULL;
@@ -168,20 +189,35 @@ static int run_gate(struct gate_options *options, struct gn_run_plan *plan, cons
         fprintf(stderr, "gnomon: %s\n", error);
         goto done;
     }
-    options->run.quiet = true;
-    status = run_driver(options, plan, driver, "new", typed, against ? answers : NULL, true, now);
+    if (!gn_folder_create(options->run.out, error, sizeof error) ||
+        !gn_folder_lock(options->run.out, &lock, error, sizeof error)) {
+        fprintf(stderr, "gnomon: %s\n", error);
+        goto done;
+    }
+    remove_answers(options->run.out);
+    if (against) {
+        snprintf(answers, sizeof answers, "%s/" ANSWERS "XXXXXX", options->run.out);
+        kept = mkdtemp(answers);
+    }
+    if (against && !options->run.resume) {
+        /* An earlier gate's, which --resume must not take for what the one to come has begun. */
+        char begun[4096];
+        snprintf(begun, sizeof begun, "%s/old/run.json", options->run.out);
+        unlink(begun);
+    }
+    status = run_driver(options, plan, driver, typed, kept, true, now);
     if (!judged(status, now))
         goto done;
     if (against) {
         /* Nothing is expected of the old driver: it is what the new one is held against. Skips hold for both. */
         before_plan.expectations = plan->expectations;
         before_plan.expectations.device = NULL;
-        status = run_driver(options, &before_plan, against, "old", typed, answers, false, &before);
+        status = run_driver(options, &before_plan, against, typed, kept, false, &before);
         if (!judged(status, &before))
             goto done;
         gate.before = &before;
     }
-    gn_gate_compare(&gate, answers);
+    gn_gate_compare(&gate, kept);
     double compared = gn_clock();
     gn_gate_rerun(&gate, driver, options->reruns);
     gate.rerun_seconds = gn_clock() - compared;
@@ -198,7 +234,10 @@ static int run_gate(struct gate_options *options, struct gn_run_plan *plan, cons
     }
     gn_gate_print(&gate, options->run.out);
 done:
-    remove_answers(answers);
+    if (lock) {
+        remove_answers(options->run.out);
+        close(lock);
+    }
     gn_gate_finish(&gate);
     gn_results_finish(&before);
     return status;

@@ -154,13 +154,13 @@ void gn_case_known_read(struct gn_case_run *run, const char *name)
     remove(path);
 }
 
-static bool changed_write(const struct gn_case_run *run, const char *path, char *out_error, size_t error_size)
+static void changed_write(const struct gn_case_run *run, const char *path)
 {
     const struct gn_case_kept *now = &run->result.kept, *before = &run->known;
     uint64_t decisions = 0, numbers = 0;
-    char text[64];
+    char text[64], error[512];
     if (!before->count || before->count != now->count)
-        return true;
+        return;
     for (size_t i = 0; i < now->count; i++) {
         if (now->digests[i] >> 48 != before->digests[i] >> 48)
             decisions++;
@@ -168,28 +168,28 @@ static bool changed_write(const struct gn_case_run *run, const char *path, char 
             numbers++;
     }
     int length = snprintf(text, sizeof text, "%" PRIu64 " %" PRIu64, decisions, numbers);
-    return gn_file_write(path, text, (size_t)length, out_error, error_size);
+    (void)gn_file_write(path, text, (size_t)length, error, sizeof error);
 }
 
-bool gn_case_kept_write(const struct gn_case_run *run, const char *name, char *out_error, size_t error_size)
+void gn_case_kept_write(const struct gn_case_run *run, const char *name)
 {
     const char *kept_folder = getenv("GNOMON_ANSWERS_KEPT"), *known_folder = getenv("GNOMON_ANSWERS_KNOWN");
     const struct gn_case_kept *kept = &run->result.kept;
-    char path[4096];
+    char path[4096], error[512];
     if (known_folder && *known_folder) {
         snprintf(path, sizeof path, CHANGED, known_folder, name);
-        return changed_write(run, path, out_error, error_size);
+        changed_write(run, path);
+        return;
     }
     if (!kept_folder || !*kept_folder || !kept->count)
-        return true;
+        return;
     size_t digests = kept->count * sizeof *kept->digests, verdicts = kept->count * sizeof *kept->verdicts;
     char *data = grow(NULL, digests + verdicts);
     memcpy(data, kept->digests, digests);
     memcpy(data + digests, kept->verdicts, verdicts);
     snprintf(path, sizeof path, KEPT, kept_folder, name);
-    bool ok = gn_file_write(path, data, digests + verdicts, out_error, error_size);
+    (void)gn_file_write(path, data, digests + verdicts, error, sizeof error);
     free(data);
-    return ok;
 }
 
 bool gn_case_changed_read(const char *folder, const char *name, uint64_t *out_decisions, uint64_t *out_numbers)

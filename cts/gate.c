@@ -38,7 +38,8 @@ bool gn_gate_case_counts(const struct gn_gate *gate, size_t index)
 struct totals {
     size_t changes[GN_GATE_CHANGE_COUNT];
     size_t wrong, passes, failures; /* that count: worse than before; unexpected passes; other failures */
-    size_t slower, larger, unmeasured;
+    size_t slower, larger, broken, measured, unmeasured;
+    size_t unanswered; /* on both drivers, with the same status, but for cases that pass and trace nothing */
 };
 
 static struct totals totals_of(const struct gn_gate *gate)
@@ -47,6 +48,7 @@ static struct totals totals_of(const struct gn_gate *gate)
     for (size_t i = 0; i < gate->case_count; i++) {
         const struct gn_gate_case *pair = &gate->cases[i];
         totals.changes[pair->change]++;
+        totals.unanswered += pair->change == GN_GATE_SAME && !pair->now->answers && pair->now->status != GN_CASE_PASS;
         if (!gn_gate_case_counts(gate, i))
             continue;
         if (pair->change == GN_GATE_WRONG)
@@ -60,6 +62,8 @@ static struct totals totals_of(const struct gn_gate *gate)
         const struct gn_gate_time *time = &gate->times[i];
         totals.slower += time->exceeds && !time->item->bytes;
         totals.larger += time->exceeds && time->item->bytes;
+        totals.broken += time->broken;
+        totals.measured += !*time->missing;
         totals.unmeasured += *time->missing != 0;
     }
     return totals;
@@ -73,10 +77,37 @@ static void append(char *out, size_t size, size_t count, const char *one, const 
         snprintf(out + used, size - used, "%s%zu %s", used ? ", " : "", count, count == 1 ? one : many);
 }
 
+/* What is true of cases none of which has changed. */
+static const char *same_of(const struct gn_gate *gate, const struct totals *totals, char *out, size_t size)
+{
+    size_t answered = gate->case_count - totals->unanswered;
+    if (!totals->unanswered) {
+        snprintf(out, size, "all %zu cases answer bit for bit as before", answered);
+        return out;
+    }
+    *out = 0;
+    append(out, size, answered, "case answers bit for bit as before", "cases answer bit for bit as before");
+    append(out, size, totals->unanswered, "case is skipped or fails without an answer, as before",
+           "cases are skipped or fail without an answer, as before");
+    return out;
+}
+
+/* What is true of measurements none of which counts; "" where there are none. */
+static const char *time_of(const struct totals *totals, char *out, size_t size)
+{
+    *out = 0;
+    if (totals->measured)
+        snprintf(out, size, ", and nothing is slower than the budget");
+    if (totals->unmeasured)
+        snprintf(out + strlen(out), size - strlen(out), " (%zu %s not measured)", totals->unmeasured,
+                 totals->unmeasured == 1 ? "operation" : "operations");
+    return out;
+}
+
 void gn_gate_verdict(const struct gn_gate *gate, char *out, size_t size)
 {
     struct totals totals = totals_of(gate);
-    char reasons[600] = "";
+    char reasons[600] = "", same[300], times[120];
     append(reasons, sizeof reasons, totals.wrong, "case is newly wrong", "cases are newly wrong");
     append(reasons, sizeof reasons, totals.failures, "case fails unexpectedly", "cases fail unexpectedly");
     append(reasons, sizeof reasons, totals.passes, "case passes that was expected to fail",
@@ -87,6 +118,7 @@ void gn_gate_verdict(const struct gn_gate *gate, char *out, size_t size)
            "operations are slower than the budget");
     append(reasons, sizeof reasons, totals.larger, "structure is larger than the budget",
            "structures are larger than the budget");
+    append(reasons, sizeof reasons, totals.broken, "measured operation fails newly", "measured operations fail newly");
     if (gate->now->stopped[0] || (gate->before && gate->before->stopped[0]))
         snprintf(out, size, "No answer: the run was stopped (%s)%s%s.",
                  gate->now->stopped[0] ? gate->now->stopped : gate->before->stopped, *reasons ? "; " : "", reasons);
@@ -98,11 +130,10 @@ void gn_gate_verdict(const struct gn_gate *gate, char *out, size_t size)
         snprintf(out, size, "This may land: %zu %s came out as expected.", gate->case_count,
                  gate->case_count == 1 ? "case" : "cases");
     else if (totals.changes[GN_GATE_SAME] == gate->case_count)
-        snprintf(out, size, "No change: all %zu cases answer bit for bit as before, and nothing is slower than the budget.",
-                 gate->case_count);
+        snprintf(out, size, "No change: %s%s.", same_of(gate, &totals, same, sizeof same), time_of(&totals, times, sizeof times));
     else
-        snprintf(out, size, "This may land: no case is worse (%zu newly right, %zu with other answers), and nothing is slower than the budget.",
-                 totals.changes[GN_GATE_RIGHT], totals.changes[GN_GATE_ANSWERS]);
+        snprintf(out, size, "This may land: no case is worse (%zu newly right, %zu with other answers)%s.",
+                 totals.changes[GN_GATE_RIGHT], totals.changes[GN_GATE_ANSWERS], time_of(&totals, times, sizeof times));
 }
 
 int gn_gate_exit_status(const struct gn_gate *gate)
@@ -111,7 +142,7 @@ int gn_gate_exit_status(const struct gn_gate *gate)
     if ((gate->now->stopped[0] && !gate->now->stopped_at_limit) || (gate->before && gate->before->stopped[0]))
         return 3;
     if (totals.wrong || totals.failures || totals.passes || gate->now->stale_count || gate->lost_count ||
-        totals.slower || totals.larger)
+        totals.slower || totals.larger || totals.broken)
         return 1;
     return gn_results_exit_status(gate->now) == 4 ? 4 : 0;
 }
@@ -180,7 +211,8 @@ static void print_times(const struct gn_gate *gate, const char *red, const char 
         const struct gn_gate_time *time = &gate->times[i];
         char before[32], now[32];
         if (!time->rounds) {
-            printf("  %-32s not measured: %s\n", time->item->name, time->missing);
+            printf("  %s%-32s not measured: %s%s\n", time->broken ? red : "", time->item->name, time->missing,
+                   time->broken ? plain : "");
             continue;
         }
         printf("  %s%-32s %10s %10s   %.2f", time->exceeds ? red : "", time->item->name,

@@ -46,6 +46,7 @@ struct gn_gate_time {
     bool undecided;          /* the budget lies within the interval still */
     bool unconfirmed;        /* it exceeded the budget once, and not when measured again by new processes */
     const char *missing;     /* why there is no measurement, or "" */
+    bool broken;             /* there is none because the new driver does not come through what the old one does: counts */
 };
 
 /* A case that counts, run again. */
@@ -75,7 +76,7 @@ struct gn_gate {
 };
 
 /*
- * Compares the results, and ray by ray where the folder has what the second run found (gn_case_kept_write()). Strings go
+ * Compares the results, and ray by ray where the folder (or NULL) has what the second run found (gn_case_kept_write()). Strings go
  * to the arena of gate->now.
  */
 void gn_gate_compare(struct gn_gate *gate, const char *answers);

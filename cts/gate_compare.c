@@ -141,7 +141,7 @@ void gn_gate_compare(struct gn_gate *gate, const char *answers)
         pair->now = &gate->now->cases[i];
         pair->before = gate->before ? find(gate->before, pair->now->name) : NULL;
         pair->change = gate->before ? change_of(pair->now, pair->before) : GN_GATE_SAME;
-        if (pair->before && pair->now->answers != pair->before->answers)
+        if (answers && pair->before && pair->now->answers != pair->before->answers)
             pair->ray_by_ray =
                 gn_case_changed_read(answers, pair->now->name, &pair->decisions_changed, &pair->numbers_changed);
     }

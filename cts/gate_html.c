@@ -53,10 +53,10 @@ static void put_tiles(FILE *file, const struct gn_gate *gate)
         counting += gn_gate_case_counts(gate, i);
     }
     for (size_t i = 0; i < gate->time_count; i++)
-        slower += gate->times[i].exceeds;
+        slower += gate->times[i].exceeds || gate->times[i].broken;
     fputs("<div class=tiles>", file);
     put_tile(file, "no", counting, "cases that count");
-    put_tile(file, "no", slower, "slower or larger than the budget");
+    put_tile(file, "no", slower, "measured slower or larger than the budget, or failing");
     if (gate->before) {
         put_tile(file, "", changes[GN_GATE_RIGHT], "newly right");
         put_tile(file, "", changes[GN_GATE_ANSWERS], "with other answers, as good as before");
@@ -159,7 +159,7 @@ static void put_times(FILE *file, const struct gn_gate *gate)
         char amount[32];
         fprintf(file, "<tr><td class=mono>%s</td>", time->item->name);
         if (!time->rounds) {
-            fputs("<td class=soft colspan=4>not measured: ", file);
+            fprintf(file, "<td class=soft colspan=4>%snot measured: ", time->broken ? "<span class=\"badge no\">fails</span> " : "");
             text(file, time->missing);
             fprintf(file, "</td><td class=small>%s</td></tr>\n", time->item->about);
             continue;

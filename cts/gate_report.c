@@ -66,6 +66,7 @@ static void put_times(yyjson_mut_doc *doc, yyjson_mut_val *root, const struct gn
         put_text(doc, object, "about", time->item->about);
         put_text(doc, object, "unit", time->item->bytes ? "bytes" : "seconds");
         put_text(doc, object, "missing", time->missing);
+        yyjson_mut_obj_add_bool(doc, object, "broken", time->broken);
         if (!time->rounds)
             continue;
         yyjson_mut_obj_add_uint(doc, object, "rounds", time->rounds);
@@ -169,7 +170,8 @@ static char *encode_sarif(const struct gn_gate *gate, size_t *out_length)
     static const char *const rules[][2] = {{"newly-wrong", "A case is worse than with the old driver"},
                                            {"unexpected", "A case came out otherwise than an expectation file says"},
                                            {"stale-expectation", "An expectation does not hold any more"},
-                                           {"budget", "An operation is slower, or a structure larger, than the budget"}};
+                                           {"budget", "An operation is slower, or a structure larger, than the budget"},
+                                           {"broken", "The driver does not come through an operation that is measured"}};
     yyjson_mut_doc *doc = yyjson_mut_doc_new(NULL);
     yyjson_mut_val *root = yyjson_mut_obj(doc);
     yyjson_mut_doc_set_root(doc, root);
@@ -200,7 +202,11 @@ static char *encode_sarif(const struct gn_gate *gate, size_t *out_length)
         put_result(doc, results, "stale-expectation", "expectations", gate->now->stale[i]);
     for (size_t i = 0; i < gate->time_count; i++) {
         const struct gn_gate_time *time = &gate->times[i];
-        char message[400];
+        char message[1400];
+        if (time->broken) {
+            snprintf(message, sizeof message, "%s: %s", time->item->about, time->missing);
+            put_result(doc, results, "broken", time->item->name, message);
+        }
         if (!time->exceeds)
             continue;
         snprintf(message, sizeof message, "%s: %.3g times the old driver's, the budget is %.3g", time->item->about,
@@ -258,6 +264,15 @@ static void put_markdown(FILE *file, const struct gn_gate *gate)
             fprintf(file, "\n| slower or larger than %.3gx | ratio | 99 %% interval |\n|---|---|---|\n", gate->budget);
         fprintf(file, "| `%s`: %s | %.2f | %.2f to %.2f |\n", time->item->name, time->item->about, time->ratio, time->low,
                 time->high);
+    }
+    rows = 0;
+    for (size_t i = 0; i < gate->time_count; i++) {
+        const struct gn_gate_time *time = &gate->times[i];
+        if (!*time->missing)
+            continue;
+        fprintf(file, "%s- %s: `%s`: ", rows++ ? "" : "\n", time->broken ? "fails newly" : "not measured", time->item->name);
+        put_cell(file, time->missing);
+        fputc('\n', file);
     }
     rows = 0;
     for (size_t i = 0; i < gate->case_count; i++)

@@ -119,9 +119,9 @@ bool gn_gate_item_measure(struct gn_process *process, const struct gn_bench_item
         *out_missing = "the driver did not come through it";
         return false;
     }
-    if (line[2] == '-') {
+    if (line[2] == '-' || line[2] == '!') {
         *out_missing = gn_arena_printf(arena, "%s", line + 4);
-        return true;
+        return line[2] == '-';
     }
     *out_value = strtod(line + 2, NULL);
     if (!(*out_value > 0))
@@ -129,26 +129,52 @@ bool gn_gate_item_measure(struct gn_process *process, const struct gn_bench_item
     return true;
 }
 
-/* One round of one item on both drivers, each of them first in turn. */
-static bool round_of(struct gn_gate *gate, struct gn_gate_time *time, struct gn_process processes[2])
+/* The two drivers' processes, the new one's first. */
+struct pair {
+    const char *drivers[2];
+    struct gn_process processes[2];
+    const char *closed[2]; /* why a driver is not gone on with, or NULL */
+};
+
+/* A process that is of no use any more makes room for a new one, so that the other items are measured. */
+static void reopen(struct pair *pair, uint32_t which, double deadline, struct gn_arena *arena)
 {
+    char error[512];
+    gn_process_end(&pair->processes[which], true);
+    if (gn_clock() > deadline)
+        pair->closed[which] = "it did not come through an earlier measurement, and there is no time for more";
+    else if (!gn_gate_open(&pair->processes[which], pair->drivers[which], error, sizeof error))
+        pair->closed[which] = gn_arena_printf(arena, "%s", error);
+}
+
+/*
+ * One round of one item on both drivers, each of them first in turn. Where the new driver does not come through it, the old one
+ * is asked all the same: what neither can do has not been broken.
+ */
+static void round_of(struct gn_gate *gate, struct gn_gate_time *time, struct pair *pair, double deadline)
+{
+    struct gn_arena *arena = &gate->now->arena;
     double values[2] = {0, 0};
+    const char *missing[2] = {pair->closed[0] ? pair->closed[0] : "", pair->closed[1] ? pair->closed[1] : ""};
+    bool failed[2] = {false, false}, open = !pair->closed[0] && !pair->closed[1];
     uint32_t round = time->rounds;
-    for (uint32_t k = 0; k < 2 && !*time->missing; k++) {
+    for (uint32_t k = 0; k < 2 && open; k++) {
         uint32_t which = (round + k) % 2;
-        const char *missing = "";
-        bool usable = gn_gate_item_measure(&processes[which], time->item, &values[which], &gate->now->arena, &missing);
-        if (*missing)
-            time->missing = gn_arena_printf(&gate->now->arena, "%s driver: %s", which ? "old" : "new", missing);
-        if (!usable)
-            return false;
+        failed[which] = !gn_gate_item_measure(&pair->processes[which], time->item, &values[which], arena, &missing[which]);
+        if (failed[which])
+            reopen(pair, which, deadline, arena);
     }
-    if (!*time->missing) {
-        time->now[round] = values[0];
-        time->before[round] = values[1];
-        time->rounds++;
+    const char *text = "";
+    for (uint32_t which = 0; which < 2; which++)
+        if (*missing[which])
+            text = gn_arena_printf(arena, "%s%s%s driver: %s", text, *text ? "; " : "", which ? "old" : "new", missing[which]);
+    if (*text) {
+        *time = (struct gn_gate_time){.item = time->item, .missing = text, .broken = failed[0] && !*missing[1]};
+        return;
     }
-    return true;
+    time->now[round] = values[0];
+    time->before[round] = values[1];
+    time->rounds++;
 }
 
 static void show(const struct gn_gate_time *time, size_t done, size_t count)
@@ -157,54 +183,48 @@ static void show(const struct gn_gate_time *time, size_t done, size_t count)
         fprintf(stderr, "\r\033[Kgnomon: timing %zu/%zu: %s, round %u", done + 1, count, time->item->name, time->rounds + 1);
 }
 
-/* Measures an item until it is decided. False when a driver did not come through it. */
-static bool measure_item(struct gn_gate *gate, struct gn_gate_time *time, struct gn_process processes[2], size_t number,
-                         double deadline)
+/* Measures an item until it is decided. */
+static void measure_item(struct gn_gate *gate, struct gn_gate_time *time, struct pair *pair, size_t number, double deadline)
 {
     uint32_t least = time->item->bytes ? 1 : FIRST_ROUNDS;
-    bool alive = true;
-    while (alive && !*time->missing && time->rounds < GN_GATE_MOST_ROUNDS &&
+    while (!*time->missing && time->rounds < GN_GATE_MOST_ROUNDS &&
            (time->rounds < least || (time->undecided && !time->item->bytes && gn_clock() < deadline))) {
         show(time, number, gate->time_count);
-        alive = round_of(gate, time, processes);
+        round_of(gate, time, pair, deadline);
         if (time->rounds >= least)
             gn_gate_time_decide(time, gate->budget);
     }
     gn_gate_time_decide(time, gate->budget);
-    return alive;
 }
 
 /* All items; or, to confirm, those that exceed the budget, afresh. */
-static bool measure_items(struct gn_gate *gate, const char *const drivers[2], bool confirm, char *out_error,
-                          size_t error_size)
+static bool measure_items(struct gn_gate *gate, const char *now_driver, const char *before_driver, bool confirm,
+                          char *out_error, size_t error_size)
 {
-    struct gn_process processes[2] = {{0, -1, -1, -1, NULL, 0, 0}, {0, -1, -1, -1, NULL, 0, 0}};
-    bool ok = true, alive = true;
+    static const struct gn_process none = {0, -1, -1, -1, NULL, 0, 0};
+    struct pair pair = {{now_driver, before_driver}, {none, none}, {NULL, NULL}};
+    bool ok = true;
     double deadline = gn_clock() + MOST_SECONDS;
     for (int which = 0; which < 2 && ok; which++)
-        ok = gn_gate_open(&processes[which], drivers[which], out_error, error_size);
+        ok = gn_gate_open(&pair.processes[which], pair.drivers[which], out_error, error_size);
     for (size_t i = 0; i < gate->time_count && ok; i++) {
         struct gn_gate_time *time = &gate->times[i];
         if (confirm && (!time->exceeds || time->item->bytes))
             continue;
-        *time = (struct gn_gate_time){.item = time->item, .missing = "", .unconfirmed = confirm};
-        if (!alive)
-            time->missing = "a driver did not come through an earlier measurement";
-        else
-            alive = measure_item(gate, time, processes, i, deadline);
-        time->unconfirmed = time->unconfirmed && !time->exceeds;
+        *time = (struct gn_gate_time){.item = time->item, .missing = ""};
+        measure_item(gate, time, &pair, i, deadline);
+        time->unconfirmed = confirm && !time->exceeds && time->rounds;
     }
     if (isatty(STDERR_FILENO))
         fprintf(stderr, "\r\033[K");
     for (int which = 0; which < 2; which++)
-        gn_process_end(&processes[which], true);
+        gn_process_end(&pair.processes[which], true);
     return ok;
 }
 
 bool gn_gate_measure(struct gn_gate *gate, const char *now_driver, const char *before_driver, char *out_error,
                      size_t error_size)
 {
-    const char *const drivers[2] = {now_driver, before_driver};
     gate->time_count = gn_bench_count();
     gate->times = calloc(gate->time_count, sizeof *gate->times);
     if (!gate->times) {
@@ -221,8 +241,8 @@ bool gn_gate_measure(struct gn_gate *gate, const char *now_driver, const char *b
         setenv(cache_switches[i][0], cache_switches[i][1], 1);
     }
     /* What a process got in memory, and what else the machine did for a while, can make one driver seem slower all along. */
-    bool ok = measure_items(gate, drivers, false, out_error, error_size) &&
-              measure_items(gate, drivers, true, out_error, error_size);
+    bool ok = measure_items(gate, now_driver, before_driver, false, out_error, error_size) &&
+              measure_items(gate, now_driver, before_driver, true, out_error, error_size);
     for (size_t i = 0; i < SWITCH_COUNT; i++) {
         if (kept[i])
             setenv(cache_switches[i][0], kept[i], 1);

@@ -1,6 +1,7 @@
 /* SPDX-License-Identifier: Apache-2.0 */
 /* The `gnomon` program: finds the command and runs it. */
 #include <argp.h>
+#include <signal.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -53,6 +54,8 @@ int main(int argc, char **argv)
     const char *given = getenv("GNOMON_COMMAND");
     gn_command_name = given && *given ? given : argc && argv[0] && *argv[0] ? argv[0] : "gnomon";
     argp_err_exit_status = 2;
+    /* A file beyond the limit of file sizes is an error of writing; workers inherit this. */
+    signal(SIGXFSZ, SIG_IGN);
     if (argc < 2) {
         usage(stderr);
         return 2;

@@ -35,6 +35,21 @@ static int64_t case_lines_length(const char *data, size_t length)
     return kept;
 }
 
+bool gn_folder_lock(const char *folder, int *out_lock, char *out_error, size_t error_size)
+{
+    int lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
+    *out_lock = 0;
+    if (lock < 0)
+        return true; /* a folder that may be written but not read cannot be locked */
+    if (flock(lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
+        snprintf(out_error, error_size, "%s is in use by another run; choose another folder with --out", folder);
+        close(lock);
+        return false;
+    }
+    *out_lock = lock;
+    return true;
+}
+
 bool gn_output_open(struct gn_output *output, const char *folder, struct gn_results *out_earlier,
                     int *out_exit_status, char *out_error, size_t error_size)
 {
@@ -46,14 +61,8 @@ bool gn_output_open(struct gn_output *output, const char *folder, struct gn_resu
     *out_exit_status = 2;
     if (!gn_folder_create(folder, out_error, error_size))
         goto done;
-    output->lock = open(folder, O_RDONLY | O_DIRECTORY | O_CLOEXEC);
-    if (output->lock < 0)
-        output->lock = 0; /* a folder that may be written but not read cannot be locked */
-    if (output->lock && flock(output->lock, LOCK_EX | LOCK_NB) != 0 && errno == EWOULDBLOCK) {
-        snprintf(out_error, error_size, "%s is in use by another run; choose another folder with --out",
-                 folder);
+    if (!gn_folder_lock(folder, &output->lock, out_error, error_size))
         goto done;
-    }
     output->fd = open(path, O_WRONLY | O_CREAT | O_APPEND | O_CLOEXEC, 0666);
     if (output->fd < 0) {
         *out_exit_status = errno == ENOSPC || errno == EDQUOT ? 3 : 2;

@@ -13,6 +13,9 @@ struct gn_output {
     int64_t length; /* of its whole lines */
 };
 
+/* Locks a folder until the descriptor is closed (0: it cannot be locked, and is not). False with a message: another has it. */
+bool gn_folder_lock(const char *folder, int *out_lock, char *out_error, size_t error_size);
+
 /*
  * Makes the folder and opens results.jsonl in it, whose cases (of an earlier run) are given; nothing is
  * erased yet. False with a message and an exit status: 2 for a folder that cannot be written or is in use, 3

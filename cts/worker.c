@@ -110,7 +110,6 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
 {
     struct gn_case_run run;
     struct gn_results_case result;
-    char error[1024] = "";
     size_t length = 0;
     if (gn_worker_test_fault(selected->name)) {
         memset(&run, 0, sizeof run);
@@ -123,9 +122,9 @@ static bool run_case(const struct gn_selected *selected, struct gn_device *devic
     result.family = gn_case_family_name(selected->self->name, &run.arena);
     char *text = gn_results_case_encode(&result, &length);
     *out_go_on = run.result.status != GN_CASE_ERROR;
-    bool ok = text && gn_case_kept_write(&run, selected->name, error, sizeof error) && answer('C', text, length);
-    if (*error)
-        fprintf(stderr, "gnomon: %s\n", error);
+    if (text)
+        gn_case_kept_write(&run, selected->name);
+    bool ok = text && answer('C', text, length);
     gn_case_run_finish(&run);
     free(text);
     return ok;
@@ -141,10 +140,11 @@ static bool run_bench(struct gn_bench *bench, struct gn_device *device, const ch
         fprintf(stderr, "gnomon: worker: nothing is measured under the name '%s'\n", name);
         return false;
     }
-    if (gn_bench_measure(bench, item, &value) == GN_DEVICE_OK)
+    enum gn_device_status status = gn_bench_measure(bench, item, &value);
+    if (status == GN_DEVICE_OK)
         snprintf(text, sizeof text, "%a", value);
     else
-        snprintf(text, sizeof text, "- %s", gn_device_message(device));
+        snprintf(text, sizeof text, "%c %s", status == GN_DEVICE_UNSUPPORTED ? '-' : '!', gn_device_message(device));
     for (char *c = text; *c; c++)
         if (*c == '\n')
             *c = ' ';

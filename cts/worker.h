@@ -6,7 +6,8 @@
  * The parent writes names of cases, a line each, to the worker's descriptor 3. The worker answers on
  * descriptor 4 with lines that begin with a letter and a blank: `R` and the device as JSON once it is open,
  * `U` and a message when it cannot be opened (and ends), `C` and a case's result as JSON, `B` and a measurement
- * (of GN_WORKER_BENCH and an item's name in the place of a case's) in C's %a or `-` and why there is none. What the driver
+ * (of GN_WORKER_BENCH and an item's name in the place of a case's) in C's %a, or `-` and what the device lacks for it, or
+ * `!` and how the driver failed. What the driver
  * prints goes to a file in memory. A worker ends when descriptor 3 does, when its parent ends, and after a
  * case with the status error, whose device nobody should go on with.
  */

@@ -34,7 +34,29 @@ few=query.flags.cull_back.plain
 expect 'a driver against itself' 0 '^No change: all 2 cases' --against "$scratch/copied_icd.json" --no-times "$few" query.flags.cull_front.plain --out same
 file_has same/gate.json '"exit_status": 0'
 file_has same/gate.html 'No change'
-[ ! -e same/new-answers ] && [ ! -e same/old-answers ] || fail 'the digests are left behind'
+! ls same | grep -q answers || fail 'the digests are left behind'
+
+# The folder is the user's: nothing in it goes that the gate has not made, least of all when there is no driver.
+mkdir -p same/answers same/answers-by-gnomon-killed
+touch same/answers/thesis.txt same/answers-by-gnomon-killed/case.kept
+"$gnomon" gate --driver nonexistent --out same >out 2>err </dev/null
+[ $? = 2 ] && [ -e same/answers/thesis.txt ] || fail "a driver that there is not: $(cat err; ls -R same)"
+# Another gate has the folder, while it runs the old driver.
+mkfifo held
+flock same cat held &
+held=$!
+exec 3>held
+"$gnomon" gate --driver "$icd" --against "$scratch/copied_icd.json" --no-times "$few" --out same >out 2>err </dev/null
+[ $? = 2 ] && grep -q 'same is in use' err && [ -e same/answers-by-gnomon-killed/case.kept ] || fail "a folder in use: $(cat out err)"
+exec 3>&-
+wait "$held"
+# Answers are only kept to save time: where they cannot be, a case runs all the same.
+GNOMON_ANSWERS_KEPT="$scratch/nowhere" "$gnomon" run --driver "$icd" "$few" --out kept >out 2>err </dev/null || fail "answers that cannot be kept: $(cat out err)"
+# A gate that has been killed while it ran the new driver.
+rm -r same/old
+"$gnomon" gate --driver "$icd" --against "$scratch/copied_icd.json" --no-times "$few" query.flags.cull_front.plain --out same --resume >out 2>err </dev/null
+[ $? = 0 ] && grep -q '^No change' out || fail "resumed before the old driver's turn: $(cat out err)"
+[ -e same/answers/thesis.txt ] && [ ! -e same/answers-by-gnomon-killed ] || fail "files of others, and a killed gate's: $(ls -R same)"
 
 GNOMON_TEST_FAULT=crash:$few expect 'a crash' 1 'This may not land: 1 case fails unexpectedly' "$few" query.flags.cull_front.plain --out crash
 grep -q 'run again: passed 0 of 3 alone$' out || fail "a crash is rerun: $(cat out)"

@@ -98,7 +98,7 @@ static size_t read_json(const char *path)
         counting += yyjson_get_bool(yyjson_obj_get(value, "counts"));
     counting += yyjson_arr_size(yyjson_obj_get(root, "stale_expectations"));
     yyjson_arr_foreach(yyjson_obj_get(root, "times"), i, most, value)
-        counting += yyjson_get_bool(yyjson_obj_get(value, "exceeds"));
+        counting += yyjson_get_bool(yyjson_obj_get(value, "exceeds")) || yyjson_get_bool(yyjson_obj_get(value, "broken"));
     yyjson_doc_free(doc);
     return counting;
 }

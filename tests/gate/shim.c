@@ -4,9 +4,11 @@
  * share one environment, it is a driver of its own, so that only the new one is changed.
  *   GNOMON_SHIM_DRIVER  the library of the driver behind it
  *   GNOMON_SHIM_FAULT   becomes GNOMON_FAULT, for the layer of tests/faulty, which looks after drivers have been loaded
+ *   GNOMON_SHIM_CRASH   "compaction": the process aborts where a structure is compacted
  *   GNOMON_SHIM_SLOW    submissions and making pipelines take so many times as long as they do: 1.5
  */
 #include <dlfcn.h>
+#include <stdbool.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -21,16 +23,19 @@ static struct {
     PFN_vkNegotiateLoaderICDInterfaceVersion negotiate;
     PFN_vkGetInstanceProcAddr instance_address, physical_address;
     PFN_vkGetDeviceProcAddr device_address;
+    PFN_vkCmdCopyAccelerationStructureKHR CmdCopyAccelerationStructureKHR;
     PFN_vkQueueSubmit QueueSubmit;
     PFN_vkQueueWaitIdle QueueWaitIdle;
     PFN_vkCreateComputePipelines CreateComputePipelines;
     PFN_vkCreateRayTracingPipelinesKHR CreateRayTracingPipelinesKHR;
 } next;
 static double factor = 1;
+static bool crash;
 
 __attribute__((constructor)) static void load(void)
 {
-    const char *driver = getenv("GNOMON_SHIM_DRIVER"), *fault = getenv("GNOMON_SHIM_FAULT"), *slow = getenv("GNOMON_SHIM_SLOW");
+    const char *driver = getenv("GNOMON_SHIM_DRIVER"), *fault = getenv("GNOMON_SHIM_FAULT"), *slow = getenv("GNOMON_SHIM_SLOW"),
+               *crashing = getenv("GNOMON_SHIM_CRASH");
     void *library = driver ? dlopen(driver, RTLD_NOW | RTLD_LOCAL) : NULL;
     if (!library) {
         fprintf(stderr, "shim: GNOMON_SHIM_DRIVER: %s\n", driver ? dlerror() : "expected a driver's library");
@@ -41,6 +46,7 @@ __attribute__((constructor)) static void load(void)
     *(void **)&next.physical_address = dlsym(library, "vk_icdGetPhysicalDeviceProcAddr");
     if (fault)
         setenv("GNOMON_FAULT", fault, 1);
+    crash = crashing && strcmp(crashing, "compaction") == 0;
     if (slow)
         factor = strtod(slow, NULL);
 }
@@ -91,9 +97,21 @@ static VKAPI_ATTR VkResult VKAPI_CALL slow_CreateRayTracingPipelinesKHR(VkDevice
     return result;
 }
 
+static VKAPI_ATTR void VKAPI_CALL crash_CmdCopyAccelerationStructureKHR(VkCommandBuffer commands,
+                                                                        const VkCopyAccelerationStructureInfoKHR *info)
+{
+    if (info->mode == VK_COPY_ACCELERATION_STRUCTURE_MODE_COMPACT_KHR)
+        abort();
+    next.CmdCopyAccelerationStructureKHR(commands, info);
+}
+
 static VKAPI_ATTR PFN_vkVoidFunction VKAPI_CALL device_address(VkDevice device, const char *name)
 {
     PFN_vkVoidFunction function = next.device_address(device, name);
+    if (function && crash && strcmp(name, "vkCmdCopyAccelerationStructureKHR") == 0) {
+        next.CmdCopyAccelerationStructureKHR = (PFN_vkCmdCopyAccelerationStructureKHR)function;
+        return (PFN_vkVoidFunction)crash_CmdCopyAccelerationStructureKHR;
+    }
     if (!function || factor == 1)
         return function;
 #define SLOW(command)                                                                                        \

@@ -181,6 +181,35 @@ static void not_nothing(void **state)
     }
 }
 
+/* Measurements that there are not: that is said, and counts where the new driver fails at what the old one does. */
+static void unmeasured(void **state)
+{
+    static const struct gn_bench_item item = {"a", "", false};
+    (void)state;
+    for (int broken = 0; broken < 2; broken++) {
+        struct gn_results now, before;
+        struct gn_gate gate = {.now = &now, .before = &before, .budget = 1.3};
+        struct gn_results_case cs = {.name = "query.a.b", .family = "a", .status = GN_CASE_PASS};
+        char verdict[600];
+        gn_results_init(&now);
+        gn_results_init(&before);
+        gn_results_add(&now, &cs);
+        gn_results_add(&before, &cs);
+        gn_gate_compare(&gate, NULL);
+        gate.times = calloc(1, sizeof *gate.times);
+        assert_non_null(gate.times);
+        gate.times[0] = (struct gn_gate_time){.item = &item, .missing = "why", .broken = broken};
+        gate.time_count = 1;
+        gn_gate_verdict(&gate, verdict, sizeof verdict);
+        assert_string_equal(verdict, broken ? "This may not land: 1 measured operation fails newly."
+                                            : "No change: all 1 cases answer bit for bit as before (1 operation not measured).");
+        assert_int_equal(gn_gate_exit_status(&gate), broken);
+        gn_gate_finish(&gate);
+        gn_results_finish(&now);
+        gn_results_finish(&before);
+    }
+}
+
 /* The same distribution is no drift however many rays, another one is. */
 static void drift(void **state)
 {
@@ -216,6 +245,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(times),   cmocka_unit_test(coverage),    cmocka_unit_test(bytes),
         cmocka_unit_test(changes), cmocka_unit_test(not_nothing), cmocka_unit_test(drift),
+        cmocka_unit_test(unmeasured),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
