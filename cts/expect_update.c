@@ -200,7 +200,7 @@ bool gn_expectations_update(const char *path, const struct gn_expectations *expe
     struct update update = {
         .results = results, .catalogue = catalogue, .catalogue_count = catalogue_count, .blank = true};
     struct gn_arena arena = {0};
-    char *data = NULL, *text = NULL;
+    char *data = NULL, *text = NULL, *target = NULL;
     size_t length = 0, text_length = 0;
     bool ok = false, exists = access(path, F_OK) == 0;
     if (exists && !gn_file_read(path, 64 << 20, &data, &length, out_error, error_size))
@@ -232,12 +232,15 @@ bool gn_expectations_update(const char *path, const struct gn_expectations *expe
     /* What went left an empty line behind. */
     while (text_length > 1 && text[text_length - 1] == '\n' && text[text_length - 2] == '\n')
         text_length--;
-    ok = gn_file_write(path, text, text_length, out_error, error_size);
+    /* Where the path is a link, what it leads to is written. */
+    target = realpath(path, NULL);
+    ok = gn_file_write(target ? target : path, text, text_length, out_error, error_size);
     *out_changes = update.changes;
 done:
     if (update.out)
         fclose(update.out);
     free(update.comments);
+    free(target);
     free(text);
     free(data);
     gn_arena_finish(&arena);

@@ -166,7 +166,7 @@ bool gn_replay_decode(const char *text, size_t length, struct gn_arena *arena, s
 
 /* Makes the folder and the ones above it. */
 bool gn_folder_create(const char *path, char *out_error, size_t error_size);
-/* Writes all of it to a temporary name beside it, then renames: the file is the old or the new one, whole. */
+/* Writes all of it to a temporary name beside it, then renames: the file is the old or the new one, whole, with the old one's mode. */
 bool gn_file_write(const char *path, const void *data, size_t length, char *out_error, size_t error_size);
 /* The same of what an open_memstream() of `text` and `length` holds; closes the stream and frees the text. */
 bool gn_file_write_stream(const char *path, FILE *stream, char **text, const size_t *length, char *out_error, size_t error_size);

@@ -52,11 +52,16 @@ bool gn_file_write(const char *path, const void *data, size_t length, char *out_
         return false;
     }
     snprintf(temporary, size, "%s.part", path);
+    struct stat before;
+    bool exists = stat(path, &before) == 0 && S_ISREG(before.st_mode);
     fd = open(temporary, O_WRONLY | O_CREAT | O_TRUNC | O_CLOEXEC, 0666);
     if (fd < 0) {
         snprintf(out_error, error_size, "cannot write %s: %s", path, strerror(errno));
         goto done;
     }
+    /* Who may read the file is for its owner to say. */
+    if (exists)
+        (void)!fchmod(fd, before.st_mode & 0777);
     const char *bytes = data;
     while (length) {
         ssize_t n = write(fd, bytes, length);

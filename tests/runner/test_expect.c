@@ -9,6 +9,7 @@
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
+#include <sys/stat.h>
 #include <unistd.h>
 
 #include "cts/expect.h"
@@ -374,6 +375,30 @@ static void update(void **state)
     }
 }
 
+/* A link stays a link, and the file that it leads to keeps its mode. */
+static void update_through_link(void **state)
+{
+    char link[200];
+    struct gn_expectations expectations = {.device = "0x0001:0x0002 test"};
+    struct gn_expectations_changes changes = {0};
+    struct gn_results results;
+    struct stat info;
+    char error[600];
+    (void)state;
+    gn_results_init(&results);
+    const char *path = write_named("x-fails.txt", "query.no.such,Fail\n");
+    assert_int_equal(chmod(path, 0640), 0);
+    snprintf(link, sizeof link, "%s-link-fails.txt", path);
+    assert_int_equal(symlink(path, link), 0);
+    assert_true(gn_expectations_update(link, &expectations, &results, NULL, 0, &changes, error, sizeof error));
+    assert_int_equal(changes.removed, 1);
+    assert_true(lstat(link, &info) == 0 && S_ISLNK(info.st_mode));
+    assert_true(stat(path, &info) == 0 && info.st_size == 0 && (info.st_mode & 0777) == 0640);
+    unlink(link);
+    remove_named(path);
+    gn_results_finish(&results);
+}
+
 /* What has expired is neither written twice nor made to hold again: it stays, and stays stale. */
 static void update_expired(void **state)
 {
@@ -408,7 +433,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(expectation_files), cmocka_unit_test(outcomes), cmocka_unit_test(kinds_and_keys),
         cmocka_unit_test(flakes),            cmocka_unit_test(update),
-        cmocka_unit_test(update_expired), cmocka_unit_test(skipped_by_file), cmocka_unit_test(several_files),
+        cmocka_unit_test(update_expired), cmocka_unit_test(update_through_link), cmocka_unit_test(skipped_by_file), cmocka_unit_test(several_files),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
