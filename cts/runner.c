@@ -212,6 +212,25 @@ static void skip_cases(struct runner *runner)
     }
 }
 
+/* Whether the cases that an earlier run left are of this one, each of them once. */
+static bool check_earlier(struct runner *runner)
+{
+    for (size_t i = 0; i < runner->results->count; i++) {
+        const char *name = runner->results->cases[i].name;
+        size_t times = 0, selected = 0;
+        for (size_t j = 0; j <= i; j++)
+            times += strcmp(runner->results->cases[j].name, name) == 0;
+        while (selected < runner->count && strcmp(runner->cases[selected].name, name) != 0)
+            selected++;
+        if (times > 1 || selected == runner->count) {
+            refuse(runner, 2, "--resume: %s/results.jsonl has %s %s", runner->options->out, name,
+                   times > 1 ? "twice" : "which is no case of this run");
+            return false;
+        }
+    }
+    return true;
+}
+
 /* The first device decides what the run is about; --resume must meet the same again. */
 static void device_opened(struct runner *runner, const char *text, size_t length)
 {
@@ -232,6 +251,8 @@ static void device_opened(struct runner *runner, const char *text, size_t length
         refuse(runner, exit_status, "%s", error);
         return;
     }
+    if (!check_earlier(runner))
+        return;
     /* What an earlier run left is held against the expectations of this one. */
     for (size_t i = 0; i < runner->results->count; i++)
         gn_expectations_apply(runner->options->expectations, &runner->results->cases[i]);

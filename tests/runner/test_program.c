@@ -442,6 +442,28 @@ static void killed_and_resumed(void **state)
     expect_status(&outcome, 0, "cases passed");
     assert_int_equal(check_jsonl("killed/results.jsonl", true), after);
     forget(&outcome);
+    static const struct {
+        const char *line, *said;
+    } foreign[] = {
+        {"{\"name\":\"query.no.such\",\"status\":\"pass\"}\n", "query.no.such which is no case of this run"},
+        {"{\"name\":\"query.smoke.quad\",\"status\":\"pass\"}\n", "query.smoke.quad twice"},
+    };
+    for (size_t i = 0; i < sizeof foreign / sizeof foreign[0]; i++) {
+        char *lines = read_all("killed/results.jsonl");
+        file = fopen("killed/results.jsonl", "a");
+        fputs(foreign[i].line, file);
+        fclose(file);
+        outcome = RUN("run", FEW, "--out", "killed", "--resume");
+        expect_status(&outcome, 2, foreign[i].said);
+        forget(&outcome);
+        file = fopen("killed/results.jsonl", "w");
+        fputs(lines, file);
+        fclose(file);
+        free(lines);
+    }
+    outcome = RUN("run", "query.smoke.quad", "--out", "killed", "--resume");
+    expect_status(&outcome, 2, "another choice of cases");
+    forget(&outcome);
     outcome = RUN("run", FEW, "--out", "never", "--resume");
     expect_status(&outcome, 2, "--resume");
     forget(&outcome);
