@@ -3,6 +3,8 @@
  * `gnomon --deqp-...`: the program as deqp-runner starts one of VK-GL-CTS: cases from a list, one after another in this process, a
  * line as each begins and one with its status. A crash is the process's, as deqp-runner expects it.
  */
+#include <ctype.h>
+#include <errno.h>
 #include <stdio.h>
 #include <stdlib.h>
 #include <string.h>
@@ -40,7 +42,13 @@ static bool parse(struct session *session, int argc, char **argv)
         } else if ((value = value_of(argument, "--deqp-log-filename"))) {
             session->log = value;
         } else if ((value = value_of(argument, "--deqp-base-seed"))) {
-            session->seed = strtoull(value, NULL, 10);
+            char *end;
+            errno = 0;
+            session->seed = strtoull(value, &end, 10);
+            if (*end || errno || !isdigit((unsigned char)*value)) {
+                fprintf(stderr, "gnomon: --deqp-base-seed: expected a whole number up to 2^64-1, found '%s'\n", value);
+                return false;
+            }
         } else if ((value = value_of(argument, "--driver"))) {
             session->driver = value;
         } else if ((value = value_of(argument, "--scale")) && strtod(value, NULL) > 0) {
@@ -59,13 +67,13 @@ static bool parse(struct session *session, int argc, char **argv)
 
 static bool is_wanted(const char *patterns, const char *name)
 {
-    char pattern[512];
-    for (const char *at = patterns; *at; at += strcspn(at, ","), at += *at == ',') {
-        snprintf(pattern, sizeof pattern, "%.*s", (int)strcspn(at, ","), at);
-        if (gn_pattern_matches(pattern, name))
-            return true;
+    bool wanted = false;
+    for (const char *at = patterns; *at && !wanted; at += strcspn(at, ","), at += *at == ',') {
+        char *pattern = strndup(at, strcspn(at, ","));
+        wanted = pattern && gn_pattern_matches(pattern, name);
+        free(pattern);
     }
-    return false;
+    return wanted;
 }
 
 static const char *status_word(enum gn_case_status status)
@@ -162,6 +170,11 @@ int gn_command_deqp(int argc, char **argv)
             if (is_wanted(session.patterns, catalogue[i].name))
                 cases[count++] = &catalogue[i];
     }
+    if (!count) {
+        fprintf(stderr, "gnomon: nothing ran: no case is named so\n");
+        status = 4;
+        goto done;
+    }
     const char *driver = gn_driver_resolve(session.driver, &arena, error, sizeof error);
     struct gn_device_options options = {driver && *driver ? driver : NULL, -1};
     device = driver ? gn_device_create(&options, error, sizeof error) : NULL;
@@ -190,6 +203,15 @@ int gn_command_deqp(int argc, char **argv)
            (unsigned long long)counts[GN_CASE_SKIP], done);
     /* As VK-GL-CTS: 1 tells that something failed. */
     status = counts[GN_CASE_FAIL] || counts[GN_CASE_LEAK] || counts[GN_CASE_ERROR] ? 1 : 0;
+    bool written = fflush(stdout) == 0 && !ferror(stdout);
+    if (!written)
+        fprintf(stderr, "gnomon: cannot write the results to standard output\n");
+    if (log && (fflush(log) != 0 || ferror(log))) {
+        fprintf(stderr, "gnomon: cannot write %s\n", session.log);
+        written = false;
+    }
+    if (!written)
+        status = 3;
 done:
     if (log)
         fclose(log);

@@ -63,6 +63,16 @@ unset GNOMON_TEST_FAULT
 
 "$gnomon" --deqp-case='query.flags.cull_back.*' >out 2>&1
 [ "$(grep -c "^Test case '" out)" = "$(grep -c '^query.flags.cull_back' cases.txt)" ] || fail "a pattern: $(cat out)"
+long=$(printf 'query.flags.cull_back.plain%600s' | tr ' ' '*')
+"$gnomon" --deqp-case="$long" >out 2>&1 && grep -q '^DONE!$' out || fail "a long pattern: $(cat out)"
+"$gnomon" --deqp-case="${long}x" >out 2>&1
+[ $? = 4 ] || fail "a pattern that nothing matches: $(cat out)"
+"$gnomon" --deqp-case=query.flags.cull_back.plain --deqp-base-seed=abc >out 2>&1
+[ $? = 2 ] || fail "a seed that is no number: $(cat out)"
+"$gnomon" --deqp-case=query.flags.cull_back.plain --deqp-log-filename=/dev/full >out 2>&1
+[ $? = 3 ] || fail "a full disk under the log: $(cat out)"
+"$gnomon" --deqp-case=query.flags.cull_back.plain >/dev/full 2>out
+[ $? = 3 ] || fail "a full disk under the output: $(cat out)"
 "$gnomon" --deqp-case=a --deqp-caselist-file=b >out 2>&1
 [ $? = 2 ] || fail "two selectors: $(cat out)"
 "$gnomon" --deqp-caselist-file=nowhere >out 2>&1
