@@ -404,6 +404,14 @@ static enum gn_device_status hits_write(struct gn_built_scene *built, const stru
     return GN_DEVICE_OK;
 }
 
+/* The stride of another table than the hit table: `more` alignments apart from it, so that none goes for another. */
+static VkDeviceSize stride_of(const VkPhysicalDeviceRayTracingPipelinePropertiesKHR *limits, VkDeviceSize hit_stride,
+                              uint32_t more)
+{
+    const VkDeviceSize apart = more * (VkDeviceSize)limits->shaderGroupHandleAlignment;
+    return hit_stride + apart <= limits->maxShaderGroupStride ? hit_stride + apart : hit_stride - apart;
+}
+
 static enum gn_device_status tables_write(struct gn_built_scene *built, const struct gn_cts_route *route)
 {
     struct gn_device *device = built->device;
@@ -418,10 +426,11 @@ static enum gn_device_status tables_write(struct gn_built_scene *built, const st
                               (unsigned long long)stride, limits->maxShaderGroupStride);
     }
     pipelines->record_bytes = limits->shaderGroupHandleSize + RECORD_DATA_BYTES;
+    const VkDeviceSize miss_stride = stride_of(limits, stride, 1), callable_stride = stride_of(limits, stride, 2);
     const VkDeviceSize miss_offset = align(stride, base);
-    const VkDeviceSize callable_offset = miss_offset + align(MISS_RECORDS * stride, base);
+    const VkDeviceSize callable_offset = miss_offset + align(MISS_RECORDS * miss_stride, base);
     enum gn_device_status status =
-        table_reserve(device, &pipelines->fixed, callable_offset + CALLABLE_RECORDS * stride);
+        table_reserve(device, &pipelines->fixed, callable_offset + CALLABLE_RECORDS * callable_stride);
     if (status != GN_DEVICE_OK) {
         return status;
     }
@@ -433,17 +442,18 @@ static enum gn_device_status tables_write(struct gn_built_scene *built, const st
     pipelines->miss = pipelines->callable = pipelines->hit = (VkStridedDeviceAddressRegionKHR){0};
     if (groups > MISS) {
         for (uint32_t i = 0; i < MISS_RECORDS; i++) {
-            record_write(device, fixed + miss_offset + i * stride, MISS, i);
+            record_write(device, fixed + miss_offset + i * miss_stride, MISS, i);
         }
-        pipelines->miss = (VkStridedDeviceAddressRegionKHR){address + miss_offset, stride, MISS_RECORDS * stride};
+        pipelines->miss = (VkStridedDeviceAddressRegionKHR){address + miss_offset, miss_stride, MISS_RECORDS * miss_stride};
         status = hits_write(built, route, stride);
     }
     if (groups > CALLED) {
         for (uint32_t i = 0; i < CALLABLE_RECORDS; i++) {
-            record_write(device, fixed + callable_offset + i * stride, CALLED, i);
+            record_write(device, fixed + callable_offset + i * callable_stride, CALLED, i);
         }
         pipelines->callable =
-            (VkStridedDeviceAddressRegionKHR){address + callable_offset, stride, CALLABLE_RECORDS * stride};
+            (VkStridedDeviceAddressRegionKHR){address + callable_offset, callable_stride,
+                                                                CALLABLE_RECORDS * callable_stride};
     }
     return status;
 }

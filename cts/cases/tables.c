@@ -56,6 +56,7 @@ struct params {
     uint32_t rays; /* 0: the sample's; exact, however the run is scaled, with `exact` */
     bool exact;
     uint32_t extra_flags; /* on every ray */
+    bool varied; /* masks of rays and instances, and tmin, differ */
 };
 
 static void route_of_device(struct gn_case_run *run, const struct params *params)
@@ -68,6 +69,20 @@ static void route_of_device(struct gn_case_run *run, const struct params *params
     if (run->route.record_padding == ALL_STRIDE && limits->shaderGroupHandleAlignment) {
         const uint32_t least = limits->shaderGroupHandleSize + limits->shaderGroupHandleAlignment;
         run->route.record_padding = (limits->maxShaderGroupStride - least) / limits->shaderGroupHandleAlignment;
+    }
+}
+
+static void vary(struct gn_case_run *run, struct gn_sample *sample)
+{
+    struct gn_cts_instance *instances = GN_NEW(&run->arena, struct gn_cts_instance, sample->scene.instance_count);
+    for (uint32_t i = 0; i < sample->scene.instance_count; i++) {
+        instances[i] = sample->scene.instances[i];
+        instances[i].mask = 1u << i % 8;
+    }
+    sample->scene.instances = instances;
+    for (uint32_t i = 0; i < sample->ray_count; i++) {
+        sample->rays[i].ray.cull_mask = gn_random_below(&run->random, 256);
+        sample->rays[i].ray.tmin = (float)gn_random_range(&run->random, 0, 1.25);
     }
 }
 
@@ -89,6 +104,8 @@ static void table(struct gn_case_run *run, const struct gn_case *self)
     }
     for (uint32_t i = 0; i < sample.ray_count; i++)
         sample.rays[i].ray.flags |= params->extra_flags;
+    if (params->varied)
+        vary(run, &sample);
     gn_case_trace(run, &sample.scene, params->program, sample.rays, sample.ray_count, 0);
 }
 
@@ -222,6 +239,12 @@ static const struct gn_case cases[] = {
     DEPTH("2", 2),
     DEPTH("3", 3),
     DEPTH("deepest", ALL_DEPTH),
+    CASE("recursion.operands", SPEC_DEPTH,
+         .route = {.record_stride = 3, .record_offset = 15, .miss_index = 7, .depth = 2}, .content = GN_SAMPLE_MIXED,
+         .rays = 2048, .varied = true),
+    CASE("recursion.operands_meshes", SPEC_DEPTH,
+         .route = {.record_stride = 1, .record_offset = 15, .miss_index = 7, .depth = 2}, .content = GN_SAMPLE_MESHES,
+         .rays = 2048, .varied = true),
     CASE("callable.meshes", SPEC_CALL, .route = {.record_stride = 1, .callable = true}, .content = GN_SAMPLE_MESHES),
     CASE("callable.mixed", SPEC_CALL, .route = {.record_stride = 2, .callable = true}, .content = GN_SAMPLE_MIXED),
     CASE("callable.wide_records", SPEC_CALL, .route = {.record_stride = 1, .record_padding = 9, .callable = true},

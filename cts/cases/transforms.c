@@ -58,8 +58,8 @@ static void transforms(struct gn_case_run *run, const struct gn_case *self)
                       r < interior ? GN_AIM_INTERIOR : GN_AIM_RANDOM, what->distance ? what->distance : 4, g, &rays[r], 1);
         if (what->varied)
             vary(&run->random, &rays[r]);
-        if (what->from_candidate)
-            rays[r].ray.flags |= GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
+        if (what->from_candidate) /* an opaque one is no candidate */
+            rays[r].ray.flags = (rays[r].ray.flags & ~(uint32_t)GN_REF_RAY_OPAQUE) | GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
     }
     run->route.from_candidate = what->from_candidate;
     gn_case_trace(run, &scene, what->program, rays, interior + random, 0);
@@ -86,6 +86,47 @@ static void boxes(struct gn_case_run *run, const struct gn_case *self)
         rays[i].ray.flags = GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
     run->route.from_candidate = true;
     gn_case_trace(run, &scene, (enum gn_cts_program)self->value, rays, count, 0);
+}
+
+/* Likewise where instances are placed in any way, each so far off that no ray reaches another's boxes. */
+static void boxes_placed(struct gn_case_run *run, const struct gn_case *self)
+{
+    enum { RUNGS = 16, INSTANCES = 6 };
+    const struct transforms *what = self->params;
+    const float(*ladder)[6] = gn_ladder_make(&run->arena, &run->random, RUNGS, 0.5);
+    struct gn_cts_geometry geometry = {.type = GN_REF_AABBS, .aabbs = ladder, .aabb_count = RUNGS};
+    struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1};
+    struct gn_cts_instance instances[INSTANCES];
+    for (uint32_t i = 0; i < INSTANCES; i++) {
+        float matrix[12];
+        instances[i] = gn_instance_of(0, gn_transform_of(&run->random, &what->instance, matrix));
+        gn_instance_place(&instances[i], 256.0 * i, 3, -5);
+    }
+    struct gn_cts_scene scene = gn_scene_make(&blas, 1, instances, INSTANCES);
+    const uint32_t count = gn_ray_count(run, what->interior);
+    struct gn_cts_ray *rays = GN_NEW(&run->arena, struct gn_cts_ray, count);
+    gn_ladder_rays(&run->random, ladder, RUNGS, true, rays, count);
+    for (uint32_t r = 0; r < count; r++) {
+        struct gn_ref_ray *ray = &rays[r].ray;
+        const float *placed = instances[gn_random_below(&run->random, INSTANCES)].transform;
+        const double step = rays[r].policy.generate_step, first = rays[r].policy.generate_t0;
+        double from[3], to[3], origin[3], end[3];
+        for (int a = 0; a < 3; a++) {
+            from[a] = ray->origin[a];
+            to[a] = from[a] + ray->direction[a];
+        }
+        gn_transform_point(placed, from, origin);
+        gn_transform_point(placed, to, end);
+        for (int a = 0; a < 3; a++) {
+            ray->origin[a] = (float)origin[a];
+            ray->direction[a] = (float)(end[a] - origin[a]);
+        }
+        ray->tmin = (float)gn_random_range(&run->random, 0, 0.125);
+        ray->tmax = (float)(fmax(first, first + step * (RUNGS - 1)) + fabs(step));
+        ray->flags = what->from_candidate ? GN_REF_RAY_TERMINATE_ON_FIRST_HIT : 0;
+    }
+    run->route.from_candidate = what->from_candidate;
+    gn_case_trace(run, &scene, what->program, rays, count, 0);
 }
 
 #define RANDOM(...) {.kind = GN_TRANSFORM_RANDOM, __VA_ARGS__}
@@ -175,6 +216,20 @@ static const struct transforms candidate_mirrored = {
     .instance = RANDOM(.min_scale = 0.5, .max_scale = 2, .translation = 2, .mirrored = true), .count = 8,
     .interior = 8000, .random = 1000, .program = GN_CTS_DETAIL, .not_opaque = true, .from_candidate = true};
 
+static const struct transforms candidate_varied = {
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2), .count = 8, .interior = 2000, .program = GN_CTS_DETAIL,
+    .not_opaque = true, .varied = true, .from_candidate = true};
+static const struct transforms boxes_general = {
+    .instance = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1), .interior = 1000, .program = GN_CTS_DETAIL};
+static const struct transforms boxes_mirrored = {
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2, .mirrored = true), .interior = 1000, .program = GN_CTS_DETAIL};
+static const struct transforms candidate_boxes_general = {
+    .instance = GENERAL(.min_scale = 0.5, .max_scale = 2, .shear = 1), .interior = 1000, .program = GN_CTS_DETAIL,
+    .from_candidate = true};
+static const struct transforms candidate_boxes_mirrored = {
+    .instance = RANDOM(.min_scale = 0.5, .max_scale = 2, .mirrored = true), .interior = 1000, .program = GN_CTS_DETAIL,
+    .from_candidate = true};
+
 static const struct transforms detail_varied = {
     .instance = RANDOM(.min_scale = 0.5, .max_scale = 2), .count = 8, .interior = 8000, .program = GN_CTS_DETAIL,
     .varied = true};
@@ -223,6 +278,11 @@ static const struct gn_case cases[] = {
     {"transforms.detail.both", DETAIL, transforms, &detail_both, 0},
     {"transforms.candidate.general", CANDIDATE, transforms, &candidate_general, 0},
     {"transforms.candidate.mirrored", CANDIDATE, transforms, &candidate_mirrored, 0},
+    {"transforms.candidate.varied", CANDIDATE, transforms, &candidate_varied, 0},
+    {"transforms.candidate.boxes_general", CANDIDATE, boxes_placed, &candidate_boxes_general, 0},
+    {"transforms.candidate.boxes_mirrored", CANDIDATE, boxes_placed, &candidate_boxes_mirrored, 0},
+    {"transforms.detail.boxes_general", DETAIL, boxes_placed, &boxes_general, 0},
+    {"transforms.detail.boxes_mirrored", DETAIL, boxes_placed, &boxes_mirrored, 0},
     {"transforms.candidate.boxes", CANDIDATE, boxes, NULL, GN_CTS_DETAIL},
 };
 const struct gn_case_family gn_family_transforms = {"transforms", cases, sizeof cases / sizeof cases[0]};
