@@ -31,7 +31,7 @@ static const struct argp_option argp_options[] = {
     {"update", OPTION_UPDATE, NULL, 0, "Rewrite the --expect files (not flakes and skips) to what came out", 0},
     {"time-budget", OPTION_TIME_BUDGET, "X", 0,
      "How much slower or larger than with the old driver is too much (default: 1.3x)", 0},
-    {"reruns", OPTION_RERUNS, "N", 0, "How often a case that counts is run again (default: 3)", 0},
+    {"reruns", OPTION_RERUNS, "N", 0, "How often a case that counts, or answers otherwise, is run again (default: 3)", 0},
     {"no-times", OPTION_NO_TIMES, NULL, 0, "Measure neither time nor memory", 0},
     {0},
 };
@@ -220,6 +220,8 @@ static int run_gate(struct gate_options *options, struct gn_run_plan *plan, cons
     gn_gate_compare(&gate, kept);
     double compared = gn_clock();
     gn_gate_rerun(&gate, driver, options->reruns);
+    if (against)
+        gn_gate_vary(&gate, driver, against, options->reruns);
     gate.rerun_seconds = gn_clock() - compared;
     if (against && !options->no_times && !gn_gate_measure(&gate, driver, against, error, sizeof error)) {
         fprintf(stderr, "gnomon: %s\n", error);

@@ -16,7 +16,8 @@
 const char *gn_gate_change_name(enum gn_gate_change change)
 {
     static const char *const names[GN_GATE_CHANGE_COUNT] = {
-        [GN_GATE_SAME] = "same",           [GN_GATE_ANSWERS] = "other answers", [GN_GATE_RIGHT] = "newly right",
+        [GN_GATE_SAME] = "same",           [GN_GATE_ANSWERS] = "other answers",
+        [GN_GATE_VARIES] = "varying answers", [GN_GATE_RIGHT] = "newly right",
         [GN_GATE_WRONG] = "newly wrong", [GN_GATE_ADDED] = "added",
     };
     return names[change];
@@ -80,8 +81,8 @@ static void append(char *out, size_t size, size_t count, const char *one, const 
 /* What is true of cases none of which has changed. */
 static const char *same_of(const struct gn_gate *gate, const struct totals *totals, char *out, size_t size)
 {
-    size_t answered = gate->case_count - totals->unanswered;
-    if (!totals->unanswered) {
+    size_t varying = totals->changes[GN_GATE_VARIES], answered = gate->case_count - totals->unanswered - varying;
+    if (!totals->unanswered && !varying) {
         snprintf(out, size, "all %zu cases answer bit for bit as before", answered);
         return out;
     }
@@ -89,6 +90,7 @@ static const char *same_of(const struct gn_gate *gate, const struct totals *tota
     append(out, size, answered, "case answers bit for bit as before", "cases answer bit for bit as before");
     append(out, size, totals->unanswered, "case is skipped or fails without an answer, as before",
            "cases are skipped or fail without an answer, as before");
+    append(out, size, varying, "case answers otherwise from one run to the next", "cases answer otherwise from one run to the next");
     return out;
 }
 
@@ -129,7 +131,7 @@ void gn_gate_verdict(const struct gn_gate *gate, char *out, size_t size)
     else if (!gate->before)
         snprintf(out, size, "This may land: %zu %s came out as expected.", gate->case_count,
                  gate->case_count == 1 ? "case" : "cases");
-    else if (totals.changes[GN_GATE_SAME] == gate->case_count)
+    else if (totals.changes[GN_GATE_SAME] + totals.changes[GN_GATE_VARIES] == gate->case_count)
         snprintf(out, size, "No change: %s%s.", same_of(gate, &totals, same, sizeof same), time_of(&totals, times, sizeof times));
     else
         snprintf(out, size, "This may land: no case is worse (%zu newly right, %zu with other answers)%s.",
@@ -177,6 +179,17 @@ static void print_case(const struct gn_gate *gate, const struct gn_gate_case *pa
         printf("    replay: %s replay %s\n", gate->now->run.command, quoted ? quoted : path);
         free(quoted);
     }
+}
+
+const char *gn_gate_device(const struct gn_results *results, char out[GN_GATE_DEVICE_SIZE])
+{
+    const struct gn_device_info *device = &results->run.device;
+    snprintf(out, GN_GATE_DEVICE_SIZE, "%s, %s %s", device->name, device->driver_name, device->driver_info);
+    gn_text_clean(out);
+    for (char *at = out; *at; at++)
+        if (*at == '\n' || *at == '\t')
+            *at = ' ';
+    return out;
 }
 
 const char *gn_gate_amount(const struct gn_bench_item *item, double value, char out[32])
@@ -245,17 +258,15 @@ void gn_gate_print(const struct gn_gate *gate, const char *out)
     bool colour = gn_terminal_colour(STDOUT_FILENO);
     const char *red = colour ? "\033[31m" : "", *green = colour ? "\033[32m" : "", *plain = colour ? "\033[0m" : "";
     struct totals totals = totals_of(gate);
-    char verdict[1024], duration[32];
+    char verdict[1024], duration[32], device[GN_GATE_DEVICE_SIZE];
     gn_gate_verdict(gate, verdict, sizeof verdict);
     printf("%s%s%s\n", gn_gate_exit_status(gate) == 0 ? green : red, verdict, plain);
-    printf("new: %s, %s %s\n", gate->now->run.device.name, gate->now->run.device.driver_name,
-           gate->now->run.device.driver_info);
+    printf("new: %s\n", gn_gate_device(gate->now, device));
     if (gate->before) {
-        printf("old: %s, %s %s\n", gate->before->run.device.name, gate->before->run.device.driver_name,
-               gate->before->run.device.driver_info);
-        printf("%zu cases: %zu the same bit for bit, %zu with other answers, %zu newly right, %zu newly wrong\n",
+        printf("old: %s\n", gn_gate_device(gate->before, device));
+        printf("%zu cases: %zu the same bit for bit, %zu with other answers, %zu with varying ones, %zu newly right, %zu newly wrong\n",
                gate->case_count, totals.changes[GN_GATE_SAME], totals.changes[GN_GATE_ANSWERS],
-               totals.changes[GN_GATE_RIGHT], totals.changes[GN_GATE_WRONG]);
+               totals.changes[GN_GATE_VARIES], totals.changes[GN_GATE_RIGHT], totals.changes[GN_GATE_WRONG]);
     }
     size_t shown = 0, counting = 0;
     for (size_t i = 0; i < gate->case_count; i++) {

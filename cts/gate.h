@@ -11,6 +11,7 @@
 enum gn_gate_change {
     GN_GATE_SAME,    /* the same status, the same answers bit by bit */
     GN_GATE_ANSWERS, /* the same status, other answers */
+    GN_GATE_VARIES,  /* the same status, other answers, as they are from one run to the next on the same driver */
     GN_GATE_RIGHT,   /* better than it was */
     GN_GATE_WRONG,   /* worse than it was: counts */
     GN_GATE_ADDED,   /* not run on the old driver */
@@ -57,6 +58,8 @@ struct gn_gate_rerun {
     const char *after;                /* the one case that it fails behind, though it passes alone; or "" */
 };
 
+#define GN_GATE_DEVICE_SIZE 1200
+
 struct gn_gate {
     struct gn_results *now, *before; /* `before` is NULL without --against */
     bool expects; /* expectation files were given: what they say counts, beside the old driver */
@@ -93,11 +96,16 @@ void gn_gate_time_decide(struct gn_gate_time *time, double budget);
 /* Runs every case that counts `times` times alone and in context. */
 void gn_gate_rerun(struct gn_gate *gate, const char *driver, uint32_t times);
 
+/* Runs cases with other answers again on both drivers, up to `times` times, and finds which of them vary by themselves. */
+void gn_gate_vary(struct gn_gate *gate, const char *driver, const char *before_driver, uint32_t times);
+
 /* Whether a case of the new driver counts: unexpectedly failed, or worse than on the old driver. */
 bool gn_gate_case_counts(const struct gn_gate *gate, size_t index);
 /* The answer in one sentence, and the exit status. */
 void gn_gate_verdict(const struct gn_gate *gate, char *out, size_t size);
 int gn_gate_exit_status(const struct gn_gate *gate);
+/* A device and its driver in one line. */
+const char *gn_gate_device(const struct gn_results *results, char out[GN_GATE_DEVICE_SIZE]);
 /* A measurement with its unit: "4.7 ms", "64 B". */
 const char *gn_gate_amount(const struct gn_bench_item *item, double value, char out[32]);
 const char *gn_gate_change_name(enum gn_gate_change change);

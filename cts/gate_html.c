@@ -60,6 +60,7 @@ static void put_tiles(FILE *file, const struct gn_gate *gate)
     if (gate->before) {
         put_tile(file, "", changes[GN_GATE_RIGHT], "newly right");
         put_tile(file, "", changes[GN_GATE_ANSWERS], "with other answers, as good as before");
+        put_tile(file, "", changes[GN_GATE_VARIES], "with answers that vary from run to run");
         put_tile(file, "", changes[GN_GATE_SAME], "the same, bit for bit");
     }
     fputs("</div>\n", file);

@@ -222,10 +222,20 @@ static char *encode_sarif(const struct gn_gate *gate, size_t *out_length)
 static void put_cell(FILE *file, const char *text)
 {
     for (const char *at = text; *at && *at != '\n'; at++) {
-        if (strchr("|`*_<>[]\\", *at))
+        if (strchr("|`*_<>[]&\\", *at))
             fputc('\\', file);
         fputc(*at, file);
     }
+}
+
+/* As code, in which nothing is markup, and no name of a person either. */
+static void put_driver(FILE *file, const char *which, const struct gn_results *results)
+{
+    char device[GN_GATE_DEVICE_SIZE];
+    gn_gate_device(results, device);
+    for (char *at = device; (at = strchr(at, '`')) != NULL;)
+        *at = '\'';
+    fprintf(file, "- %s: `%s`\n", which, device);
 }
 
 static void put_markdown(FILE *file, const struct gn_gate *gate)
@@ -234,11 +244,9 @@ static void put_markdown(FILE *file, const struct gn_gate *gate)
     size_t rows = 0, total = 0;
     gn_gate_verdict(gate, verdict, sizeof verdict);
     fprintf(file, "### Gnomon: %s\n\n", verdict);
-    fprintf(file, "New: %s, %s %s\n", gate->now->run.device.name, gate->now->run.device.driver_name,
-            gate->now->run.device.driver_info);
+    put_driver(file, "New", gate->now);
     if (gate->before)
-        fprintf(file, "Old: %s, %s %s\n", gate->before->run.device.name, gate->before->run.device.driver_name,
-                gate->before->run.device.driver_info);
+        put_driver(file, "Old", gate->before);
     for (size_t i = 0; i < gate->case_count; i++) {
         const struct gn_gate_case *pair = &gate->cases[i];
         if (!gn_gate_case_counts(gate, i) || total++ >= MOST_ROWS)

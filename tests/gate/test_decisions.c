@@ -210,6 +210,35 @@ static void unmeasured(void **state)
     }
 }
 
+/* What a driver calls itself stays one line, and is no markup. */
+static void hostile_name(void **state)
+{
+    char folder[] = "/tmp/gnomon-gate-XXXXXX", path[64], error[512], *text = NULL;
+    static const char *const files[] = {"gate.json", "gate.sarif", "gate.md", "gate.html"};
+    struct gn_results now;
+    struct gn_gate gate = {.now = &now, .budget = 1.3};
+    struct gn_results_case cs = {.name = "query.a.b", .family = "a", .status = GN_CASE_PASS};
+    size_t length = 0;
+    (void)state;
+    gn_results_init(&now);
+    gn_results_add(&now, &cs);
+    snprintf(now.run.device.name, sizeof now.run.device.name, "A`<b>\n| B |\r\x1b");
+    gn_gate_compare(&gate, NULL);
+    assert_non_null(mkdtemp(folder));
+    assert_true(gn_gate_write(&gate, folder, error, sizeof error));
+    snprintf(path, sizeof path, "%s/gate.md", folder);
+    assert_true(gn_file_read(path, 100000, &text, &length, error, sizeof error));
+    assert_non_null(strstr(text, "\n- New: `A'<b> | B |??, "));
+    free(text);
+    for (size_t i = 0; i < sizeof files / sizeof files[0]; i++) {
+        snprintf(path, sizeof path, "%s/%s", folder, files[i]);
+        remove(path);
+    }
+    remove(folder);
+    gn_gate_finish(&gate);
+    gn_results_finish(&now);
+}
+
 /* The same distribution is no drift however many rays, another one is. */
 static void drift(void **state)
 {
@@ -245,7 +274,7 @@ int main(void)
     const struct CMUnitTest tests[] = {
         cmocka_unit_test(times),   cmocka_unit_test(coverage),    cmocka_unit_test(bytes),
         cmocka_unit_test(changes), cmocka_unit_test(not_nothing), cmocka_unit_test(drift),
-        cmocka_unit_test(unmeasured),
+        cmocka_unit_test(unmeasured), cmocka_unit_test(hostile_name),
     };
     return cmocka_run_group_tests(tests, NULL, NULL);
 }
