@@ -174,6 +174,7 @@ const char *gn_device_validation_first(const struct gn_device *device);
 /* One set of build inputs: what vkCmdBuild takes. */
 struct gn_build_input {
     VkAccelerationStructureGeometryKHR *geometries;
+    const VkAccelerationStructureGeometryKHR **pointers; /* to the same; NULL: they are given as an array */
     VkAccelerationStructureBuildRangeInfoKHR *ranges;
 };
 

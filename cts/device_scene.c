@@ -366,6 +366,21 @@ static uint32_t count_most(uint32_t count, enum gn_cts_commands builds)
     return builds == GN_CTS_INDIRECT ? count + SPARE_PRIMITIVES : count;
 }
 
+/* They lie the other way round than they are pointed at, so that none follows the one before it. */
+static const VkAccelerationStructureGeometryKHR **pointers_make(struct gn_arena *arena,
+                                                                const VkAccelerationStructureGeometryKHR *geometries,
+                                                                uint32_t count)
+{
+    const VkAccelerationStructureGeometryKHR **pointers =
+        GN_NEW(arena, const VkAccelerationStructureGeometryKHR *, count);
+    VkAccelerationStructureGeometryKHR *turned = GN_NEW(arena, VkAccelerationStructureGeometryKHR, count);
+    for (uint32_t g = 0; g < count; g++) {
+        turned[count - 1 - g] = geometries[g];
+        pointers[g] = &turned[count - 1 - g];
+    }
+    return pointers;
+}
+
 static enum gn_device_status blas_write(struct gn_built_scene *built, uint32_t number)
 {
     struct gn_device *device = built->device;
@@ -412,6 +427,9 @@ static enum gn_device_status blas_write(struct gn_built_scene *built, uint32_t n
         primitive_counts[g] =
             count_most(triangles ? geometry->triangle_count : geometry->aabb_count, built->scene->blas_builds);
         primitives += primitive_counts[g];
+    }
+    for (size_t i = 0; i < 2 && built->scene->geometry_pointers; i++) {
+        inputs[i]->pointers = pointers_make(&built->arena, inputs[i]->geometries, count);
     }
     const VkPhysicalDeviceAccelerationStructurePropertiesKHR *limits = &device->info.limits;
     if (primitives > limits->maxPrimitiveCount || count > limits->maxGeometryCount) {

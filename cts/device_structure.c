@@ -152,7 +152,8 @@ static VkAccelerationStructureBuildGeometryInfoKHR build_info(const struct steps
         .mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_BUILD_KHR,
         .dstAccelerationStructure = structure->handle,
         .geometryCount = structure->geometry_count,
-        .pGeometries = input->geometries,
+        .pGeometries = input->pointers ? NULL : input->geometries,
+        .ppGeometries = input->pointers,
         .scratchData = scratch,
     };
 }
@@ -371,9 +372,10 @@ static enum gn_device_status build_one(const struct steps_run *run, struct gn_st
     VkAccelerationStructureBuildGeometryInfoKHR info = build_info(run, structure, input);
     const VkAccelerationStructureBuildRangeInfoKHR *const ranges = input->ranges;
     const struct gn_structure *const built = structure;
+    /* A full build ignores its source. */
+    info.srcAccelerationStructure = step == GN_CTS_STEP_REFIT_COPY ? structure->source : structure->handle;
     if (step != GN_CTS_STEP_REBUILD) {
         info.mode = VK_BUILD_ACCELERATION_STRUCTURE_MODE_UPDATE_KHR;
-        info.srcAccelerationStructure = step == GN_CTS_STEP_REFIT_COPY ? structure->source : structure->handle;
     }
     return build(run, 1, &built, &info, &ranges);
 }
@@ -669,8 +671,10 @@ static enum gn_device_status serialized_check(const struct steps_run *run, struc
     }
     const uint64_t room = (structure->queried_size - sizeof *out_head) / sizeof(uint64_t);
     const bool bottom = structure->type == VK_ACCELERATION_STRUCTURE_TYPE_BOTTOM_LEVEL_KHR;
+    /* Below, the word may be two: all ones say that the other counts blocks that follow, of which none are handles. */
+    const bool blocks = bottom && out_head->handle_count >> 32 == UINT32_MAX;
     if (out_head->serialized_size != structure->queried_size || out_head->deserialized_size == 0 ||
-        out_head->handle_count > (bottom ? 0 : room)) {
+        (bottom ? out_head->handle_count != 0 && !blocks : out_head->handle_count > room)) {
         return gn_device_fail(device, GN_DEVICE_FAILED,
                               "the head of a serialized structure says %llu bytes, %llu deserialized, %llu handles; "
                               "the query said %llu bytes",
@@ -679,7 +683,9 @@ static enum gn_device_status serialized_check(const struct steps_run *run, struc
                               (unsigned long long)out_head->handle_count,
                               (unsigned long long)structure->queried_size);
     }
-    if (device->info.maintenance1 && structure->queried_handles != out_head->handle_count) {
+    if (bottom) {
+        out_head->handle_count = 0;
+    } else if (device->info.maintenance1 && structure->queried_handles != out_head->handle_count) {
         return gn_device_fail(device, GN_DEVICE_FAILED,
                               "the head of a serialized structure says %llu handles, the query of its bottom level "
                               "pointers said %llu",

@@ -109,7 +109,8 @@ struct gn_cts_scene {
     VkBuildAccelerationStructureFlagsKHR tlas_build_flags;
     uint8_t tlas_steps[GN_CTS_MAX_STEPS];
     bool tlas_generic;
-    bool array_of_pointers;
+    bool array_of_pointers; /* the instances of the TLAS build */
+    bool geometry_pointers; /* ppGeometries rather than pGeometries in the BLAS builds */
     uint32_t instance_offset; /* primitiveOffset of the TLAS build in bytes, a multiple of 16 */
     /* The BLASes take their steps once the TLAS is built, and the TLAS takes its own after: theirs must leave them where
      * they are, and one of its own must read them again. */

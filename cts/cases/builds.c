@@ -16,6 +16,9 @@
 #define SPEC_MIXED                                                                                           \
     "host and device operations are interchangeable (Vulkan: Host Acceleration Structure Operations)"
 
+#define SPEC_UPDATE                                                                                          \
+    "an update takes offsets, strides and pointers as a build does (Vulkan: "                                \
+    "VkAccelerationStructureBuildRangeInfoKHR)"
 #define SPEC_BATCH                                                                                           \
     "one call builds any number of structures, one call asks for any number of sizes (Vulkan: " \
     "vkCmdBuildAccelerationStructuresKHR, vkCmdWriteAccelerationStructuresPropertiesKHR)"
@@ -53,6 +56,7 @@ static void builds(struct gn_case_run *run, const struct gn_case *self)
 static void offsets(struct gn_case_run *run, const struct gn_case *self)
 {
     enum { GEOMETRIES = 4 };
+    const struct params *params = self->params;
     struct gn_arena *arena = &run->arena;
     struct gn_cts_geometry geometries[GEOMETRIES];
     for (uint32_t g = 0; g < GEOMETRIES; g++) {
@@ -66,6 +70,8 @@ static void offsets(struct gn_case_run *run, const struct gn_case *self)
         geometries[g].index_none = g == 2;
         geometries[g].index_uint32 = g == 1;
         geometries[g].primitive_offset = 12 * g;
+        if (params->sample.flags & UPDATE)
+            geometries[g].initial_positions = gn_mesh_moved(arena, &run->random, &mesh, 0.5);
         if (g % 2) {
             float *transform = GN_NEW(arena, float, 12);
             gn_transform_random(&run->random, 0.7, 1.2, 1, g == 3, transform);
@@ -74,7 +80,11 @@ static void offsets(struct gn_case_run *run, const struct gn_case *self)
         }
     }
     struct gn_cts_scene scene = gn_scene_placed(run, geometries, GEOMETRIES);
-    commands_take(self->params, &scene);
+    struct gn_cts_blas blas = scene.blases[0];
+    blas.build_flags = params->sample.flags;
+    memcpy(blas.steps, params->sample.steps, sizeof blas.steps);
+    scene.blases = &blas;
+    commands_take(params, &scene);
     const uint32_t count = gn_ray_count(run, 4096);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2.5, true, rays, count);
@@ -129,6 +139,11 @@ static void batch(struct gn_case_run *run, const struct gn_case *self)
     {                                                                                                        \
         "builds." label, spec, offsets, &(const struct params){.blas_builds = way, .tlas_builds = way}, first \
     }
+#define UPDATED(label, step, first)                                                                          \
+    {                                                                                                        \
+        "builds.device." label, SPEC_UPDATE, offsets,                                                        \
+            &(const struct params){.sample = {.flags = UPDATE, .steps = {step}}}, first                      \
+    }
 /* What every way of building has to be able to do. */
 #define WAY(name, spec, way, copied)                                                                         \
     CASE(name ".meshes", spec, way, way, copied, GN_SAMPLE_MESHES, 0, STEPS(0), .separate = false),           \
@@ -164,6 +179,13 @@ static const struct gn_case cases[] = {
     WAY("indirect", SPEC_INDIRECT, GN_CTS_INDIRECT, GN_CTS_ON_DEVICE),
     WAY("host", SPEC_HOST, GN_CTS_ON_HOST, GN_CTS_ON_HOST),
     WAY("deferred", SPEC_DEFERRED, GN_CTS_DEFERRED, GN_CTS_DEFERRED),
+    UPDATED("refit_offsets", GN_CTS_STEP_REFIT, 0),
+    UPDATED("refit_copy_offsets", GN_CTS_STEP_REFIT_COPY, 0),
+    UPDATED("refit_first_vertex", GN_CTS_STEP_REFIT, 7),
+    CASE("device.refit_pointers", SPEC_UPDATE, GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, GN_SAMPLE_MESHES,
+         UPDATE, STEPS(GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_COPY), .pointers = true),
+    CASE("device.refit_instance_offset", SPEC_UPDATE, GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE,
+         GN_SAMPLE_MESHES, UPDATE, STEPS(GN_CTS_STEP_REFIT), .instance_offset = 64),
     BATCHED("built", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, 0, 0),
     BATCHED("compact", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, COMPACTION, GN_CTS_STEP_COMPACT),
     BATCHED("serialize", GN_CTS_ON_DEVICE, GN_CTS_ON_DEVICE, 0, GN_CTS_STEP_SERIALIZE),

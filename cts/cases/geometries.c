@@ -30,7 +30,7 @@ struct params {
     uint32_t geometries;
     uint32_t mix;
     uint32_t blases; /* 0: one */
-    bool array_of_pointers, separate_builds;
+    bool array_of_pointers, geometry_pointers, separate_builds;
     uint32_t instance_offset;
     enum gn_cts_program program;
 };
@@ -97,6 +97,7 @@ static void geometries(struct gn_case_run *run, const struct gn_case *self)
     }
     struct gn_cts_scene scene = gn_scene_make(blases, blas_count, instances, blas_count);
     scene.array_of_pointers = params->array_of_pointers;
+    scene.geometry_pointers = params->geometry_pointers;
     scene.separate_builds = params->separate_builds;
     scene.instance_offset = params->instance_offset;
     uint32_t count = gn_ray_count(run, 16384);
@@ -133,9 +134,13 @@ static const struct gn_case cases[] = {
     CASE("one_build_each",
          "structures may be built by one command or by several (Vulkan: vkCmdBuildAccelerationStructuresKHR)",
          .geometries = 3, .mix = TRANSFORMS, .blases = 5, .separate_builds = true),
-    CASE("array_of_pointers",
+    CASE("pointers",
          "geometries may come as an array of pointers (Vulkan: "
          "VkAccelerationStructureBuildGeometryInfoKHR::ppGeometries)",
+         .geometries = 6, .mix = TRANSFORMS | FORMATS | FLAGS, .blases = 3, .geometry_pointers = true),
+    CASE("array_of_pointers",
+         "instances may come as an array of pointers (Vulkan: "
+         "VkAccelerationStructureGeometryInstancesDataKHR::arrayOfPointers)",
          .geometries = 6, .mix = TRANSFORMS | FORMATS, .blases = 3, .array_of_pointers = true),
     CASE("instance_offset",
          "the offset counts bytes before the first instance (Vulkan: VkAccelerationStructureBuildRangeInfoKHR)",

@@ -25,6 +25,7 @@ struct params {
     bool transforms;
     bool mirrored;
     bool not_opaque;
+    bool refusals; /* some candidates are not confirmed */
     bool from_candidate;
     uint32_t geometries; /* 0: one */
     uint32_t first_vertex, vertex_offset, primitive_offset, stride;
@@ -81,6 +82,8 @@ static void positions(struct gn_case_run *run, const struct gn_case *self)
     uint32_t count = gn_ray_count(run, 12288);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2, true, rays, count);
+    for (uint32_t i = 0; i < count && params->refusals; i++)
+        rays[i].policy.confirm_mask = (uint32_t)gn_random_u64(&run->random);
     run->route.from_candidate = params->from_candidate;
     for (uint32_t i = 0; i < count && params->from_candidate; i++)
         rays[i].ray.flags |= GN_REF_RAY_TERMINATE_ON_FIRST_HIT;
@@ -95,6 +98,7 @@ static const struct gn_case cases[] = {
     CASE("plain", SPEC, .flags = 0),
     CASE("without_indices", SPEC, .none = true),
     CASE("not_opaque", SPEC, .not_opaque = true),
+    CASE("refusals", SPEC, .not_opaque = true, .refusals = true),
     CASE("candidate", SPEC, .not_opaque = true, .from_candidate = true),
     CASE("candidate_mirrored", SPEC_TRANSFORM, .not_opaque = true, .from_candidate = true, .transforms = true,
          .mirrored = true),

@@ -14,7 +14,7 @@
     "build flags trade build time, trace time and memory; they change no result (Vulkan: "                   \
     "VkBuildAccelerationStructureFlagBitsKHR)"
 
-enum { VERTICES = 1, TRANSFORMS = 4, INSTANCES = 8, INACTIVE = 16, FAR = 32, DEGENERATE = 64 };
+enum { VERTICES = 1, TRANSFORMS = 4, INSTANCES = 8, INACTIVE = 16, FAR = 32, DEGENERATE = 64, HIDDEN = 128, FLAGS = 256 };
 
 #define UPDATE VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_UPDATE_BIT_KHR
 #define COMPACTION VK_BUILD_ACCELERATION_STRUCTURE_ALLOW_COMPACTION_BIT_KHR
@@ -29,9 +29,12 @@ struct params {
     VkBuildAccelerationStructureFlagsKHR tlas_flags;
     uint8_t tlas_steps[GN_CTS_MAX_STEPS];
     bool late; /* the BLASes change when the TLAS has been built */
+    VkFormat format;
+    uint32_t aabb_stride, aabb_offset;
+    bool large; /* a mesh whose indices need 32 bits */
 };
 
-enum { MESHES = 3, RUNGS = 16, INSTANCES_COUNT = 12 };
+enum { MESHES = 3, LARGE = 260, RUNGS = 16, INSTANCES_COUNT = 12 };
 
 /* Makes a third of the triangles of an unshared mesh degenerate. */
 static void collapse(double (*positions)[3], uint32_t triangle_count, uint32_t remainder)
@@ -41,12 +44,17 @@ static void collapse(double (*positions)[3], uint32_t triangle_count, uint32_t r
             positions[3 * t + 2][a] = positions[3 * t][a];
 }
 
-static struct gn_cts_geometry mesh_geometry(struct gn_case_run *run, uint32_t what, uint32_t index)
+static struct gn_cts_geometry mesh_geometry(struct gn_case_run *run, const struct params *params, uint32_t index)
 {
+    const uint32_t what = params->what;
     struct gn_arena *arena = &run->arena;
     struct gn_random *random = &run->random;
+    const bool flat = params->format == VK_FORMAT_R32G32_SFLOAT || params->format == VK_FORMAT_R16G16_SFLOAT ||
+                      params->format == VK_FORMAT_R16G16_SNORM;
     struct gn_mesh mesh =
-        index % 2 ? gn_mesh_blob(arena, random, 8, 12, 0.2) : gn_mesh_height_field(arena, random, 10, 0.3);
+        params->large ? gn_mesh_height_field(arena, random, LARGE, 0.3)
+        : flat        ? gn_mesh_flat(arena, random, 10)
+        : index % 2   ? gn_mesh_blob(arena, random, 8, 12, 0.2) : gn_mesh_height_field(arena, random, 10, 0.3);
     if (what & INACTIVE) {
         mesh = gn_mesh_unshared(arena, &mesh);
         gn_mesh_deactivate(random, &mesh, 0.25);
@@ -54,6 +62,7 @@ static struct gn_cts_geometry mesh_geometry(struct gn_case_run *run, uint32_t wh
     if (what & DEGENERATE)
         mesh = gn_mesh_unshared(arena, &mesh);
     struct gn_cts_geometry geometry = gn_geometry_of_mesh(&mesh);
+    geometry.vertex_format = params->format;
     geometry.flags = VK_GEOMETRY_OPAQUE_BIT_KHR;
     if (what & DEGENERATE) {
         struct gn_mesh before = gn_mesh_unshared(arena, &mesh);
@@ -78,15 +87,15 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
     const struct params *params = self->params;
     struct gn_arena *arena = &run->arena;
     struct gn_random *random = &run->random;
-    uint32_t instance_count = params->what & INSTANCES ? INSTANCES_COUNT : 2;
+    uint32_t instance_count = params->what & (INSTANCES | HIDDEN | FLAGS) ? INSTANCES_COUNT : 2;
     struct gn_cts_blas *blases = GN_NEW(arena, struct gn_cts_blas, 2);
     struct gn_cts_instance *instances = GN_NEW(arena, struct gn_cts_instance, instance_count);
     struct gn_cts_instance *initial = GN_NEW(arena, struct gn_cts_instance, instance_count);
     for (uint32_t b = 0; b < 2; b++) {
-        uint32_t count = b ? 1 : MESHES;
+        uint32_t count = b || params->large ? 1 : MESHES;
         struct gn_cts_geometry *geometries = GN_NEW(arena, struct gn_cts_geometry, count);
         for (uint32_t g = 0; g < count; g++)
-            geometries[g] = mesh_geometry(run, params->what, b + g);
+            geometries[g] = mesh_geometry(run, params, b + g);
         blases[b] = (struct gn_cts_blas){
             .geometries = geometries, .geometry_count = count, .build_flags = params->flags};
         for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
@@ -96,6 +105,13 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
         instances[i] = gn_instance_of(i % 2, NULL);
         gn_transform_random(random, 0.6, 1.2, 2, i % 3 == 2, instances[i].transform);
         initial[i] = instances[i];
+        if (params->what & HIDDEN)
+            initial[i].mask = i % 2 ? 0 : initial[i].mask;
+        if (params->what & FLAGS) {
+            instances[i].flags = i % 2 ? VK_GEOMETRY_INSTANCE_TRIANGLE_FLIP_FACING_BIT_KHR : 0;
+            initial[i].flags = i % 2 ? 0 : VK_GEOMETRY_INSTANCE_TRIANGLE_FLIP_FACING_BIT_KHR;
+            *(i % 3 ? &instances[i].flags : &initial[i].flags) |= VK_GEOMETRY_INSTANCE_FORCE_NO_OPAQUE_BIT_KHR;
+        }
         if (!(params->what & INSTANCES))
             continue;
         gn_transform_random(random, 0.6, 1.2, params->what & FAR ? 100 : 2, i % 4 == 2, initial[i].transform);
@@ -109,7 +125,7 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
             initial[i].blas = instances[i].blas = GN_CTS_NO_BLAS;
     }
     struct gn_cts_scene scene = gn_scene_make(blases, 2, instances, instance_count);
-    scene.initial_instances = params->what & INSTANCES ? initial : NULL;
+    scene.initial_instances = params->what & (INSTANCES | HIDDEN | FLAGS) ? initial : NULL;
     scene.tlas_build_flags = params->tlas_flags;
     for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
         scene.tlas_steps[s] = params->tlas_steps[s];
@@ -118,6 +134,8 @@ static void update(struct gn_case_run *run, const struct gn_case *self)
     uint32_t count = gn_ray_count(run, 8192);
     struct gn_cts_ray *rays = GN_NEW(arena, struct gn_cts_ray, count);
     gn_rays_at_scene(run, &scene, 2.5, true, rays, count);
+    for (uint32_t i = 0; i < count && params->what & FLAGS; i++)
+        rays[i].policy.confirm_mask = (uint32_t)gn_random_u64(random);
     gn_case_trace(run, &scene, GN_CTS_COMMITTED, rays, count, 0);
 }
 
@@ -134,6 +152,8 @@ static void ladder(struct gn_case_run *run, const struct gn_case *self)
     struct gn_cts_geometry geometry = {.type = GN_REF_AABBS,
                                        .aabbs = boxes,
                                        .aabb_count = RUNGS,
+                                       .aabb_stride = params->aabb_stride,
+                                       .primitive_offset = params->aabb_offset,
                                        .initial_aabbs = (const float(*)[6])initial};
     struct gn_cts_blas blas = {.geometries = &geometry, .geometry_count = 1, .build_flags = params->flags};
     for (uint32_t s = 0; s < GN_CTS_MAX_STEPS; s++)
@@ -154,7 +174,10 @@ static void ladder(struct gn_case_run *run, const struct gn_case *self)
     {                                                                                                        \
         "update.boxes." label, spec, ladder, &(const struct params){__VA_ARGS__}, 0                          \
     }
-#define FLAGS(label, bits)                                                                                   \
+#define FORMAT(label, value)                                                                                 \
+    CASE("formats." label, SPEC_UPDATE, .what = VERTICES | TRANSFORMS, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}, \
+         .format = value)
+#define BUILD_FLAGS(label, bits)                                                                                   \
     CASE("flags." label, SPEC_FLAGS, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = (bits) | UPDATE,    \
          .steps = {GN_CTS_STEP_REFIT}, .tlas_flags = (bits) | UPDATE,                                        \
          .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),                                                            \
@@ -187,6 +210,19 @@ static const struct gn_case cases[] = {
          .tlas_steps = {GN_CTS_STEP_REFIT}),
     CASE("instances.chain", SPEC_UPDATE, .what = INSTANCES, .tlas_flags = UPDATE,
          .tlas_steps = {GN_CTS_STEP_REFIT_COPY, GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT_COPY}),
+    CASE("instances.from_mask_0", SPEC_UPDATE, .what = HIDDEN, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT}),
+    CASE("instances.from_mask_0_copy", SPEC_UPDATE, .what = HIDDEN, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),
+    CASE("instances.flags", SPEC_UPDATE, .what = FLAGS, .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT}),
+    CASE("instances.flags_copy", SPEC_UPDATE, .what = FLAGS, .tlas_flags = UPDATE,
+         .tlas_steps = {GN_CTS_STEP_REFIT_COPY}),
+    FORMAT("r32g32_sfloat", VK_FORMAT_R32G32_SFLOAT),
+    FORMAT("r16g16_sfloat", VK_FORMAT_R16G16_SFLOAT),
+    FORMAT("r16g16b16a16_sfloat", VK_FORMAT_R16G16B16A16_SFLOAT),
+    FORMAT("r16g16_snorm", VK_FORMAT_R16G16_SNORM),
+    FORMAT("r16g16b16a16_snorm", VK_FORMAT_R16G16B16A16_SNORM),
+    CASE("indices.wide", SPEC_UPDATE, .what = VERTICES, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}, .large = true),
     CASE("everything", SPEC_UPDATE, .what = VERTICES | TRANSFORMS | INSTANCES, .flags = UPDATE,
          .steps = {GN_CTS_STEP_REFIT}, .tlas_flags = UPDATE, .tlas_steps = {GN_CTS_STEP_REFIT}),
     CASE("late.refit", SPEC_LATE, .what = VERTICES | FAR, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT},
@@ -212,11 +248,15 @@ static const struct gn_case cases[] = {
     BOX("copy", SPEC_UPDATE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT_COPY}),
     BOX("from_afar", SPEC_UPDATE, .what = FAR, .flags = UPDATE,
         .steps = {GN_CTS_STEP_REFIT, GN_CTS_STEP_REFIT}),
+    BOX("stride_offset", SPEC_UPDATE, .what = FAR, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT}, .aabb_stride = 40,
+        .aabb_offset = 48),
+    BOX("stride_offset_copy", SPEC_UPDATE, .flags = UPDATE, .steps = {GN_CTS_STEP_REFIT_COPY}, .aabb_stride = 32,
+        .aabb_offset = 8),
     BOX("rebuild", SPEC_BUILD, .what = FAR, .steps = {GN_CTS_STEP_REBUILD}),
-    FLAGS("fast_trace", TRACE),
-    FLAGS("fast_build", BUILD),
-    FLAGS("low_memory", MEMORY),
-    FLAGS("fast_trace_low_memory", TRACE | MEMORY),
-    FLAGS("fast_build_low_memory_compaction", BUILD | MEMORY | COMPACTION),
+    BUILD_FLAGS("fast_trace", TRACE),
+    BUILD_FLAGS("fast_build", BUILD),
+    BUILD_FLAGS("low_memory", MEMORY),
+    BUILD_FLAGS("fast_trace_low_memory", TRACE | MEMORY),
+    BUILD_FLAGS("fast_build_low_memory_compaction", BUILD | MEMORY | COMPACTION),
 };
 const struct gn_case_family gn_family_update = {"update", cases, sizeof cases / sizeof cases[0]};

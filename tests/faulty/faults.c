@@ -672,6 +672,68 @@ GEOMETRY_FAULT(aabb_update)
         build->skip = true;
 }
 
+/* What updates alone have wrong. */
+#define IN_UPDATES(function, fault)                                                                          \
+    GEOMETRY_FAULT(function)                                                                                 \
+    {                                                                                                        \
+        if (gn_fault_is_update(build))                                                                       \
+            fault(build, g);                                                                                 \
+    }
+IN_UPDATES(update_first_vertex, first_vertex)
+IN_UPDATES(update_offset, primitive_offset)
+IN_UPDATES(update_transform_offset, geometry_transform_offset)
+IN_UPDATES(update_stride, vertex_stride)
+IN_UPDATES(update_indices, indices_16)
+IN_UPDATES(update_aabb_stride, aabb_stride)
+IN_UPDATES(update_aabb_offset, aabb_offset)
+
+GEOMETRY_FAULT(update_format)
+{
+    if (gn_fault_is_update(build) && is_triangles(build, g) &&
+        triangles_of(build, g)->vertexFormat != VK_FORMAT_R32G32B32_SFLOAT)
+        build->skip = true;
+}
+
+static void update_instance_offset(struct gn_fault_build *build)
+{
+    if (gn_fault_is_update(build))
+        instance_offset(build);
+}
+
+static void update_pointers(struct gn_fault_build *build)
+{
+    if (gn_fault_is_update(build))
+        pointers_reversed(build);
+}
+
+static const instance *instance_before(const struct gn_fault_build *build, uint32_t i)
+{
+    return gn_fault_is_update(build) && build->from && i < build->from->instance_count ? &build->from->instances[i]
+                                                                                       : NULL;
+}
+
+INSTANCE_FAULT(update_mask_zero)
+{
+    (void)count;
+    const instance *before = instance_before(build, i);
+    if (before && !before->mask)
+        all[i].mask = 0;
+}
+
+INSTANCE_FAULT(update_flags)
+{
+    (void)count;
+    const instance *before = instance_before(build, i);
+    if (before)
+        all[i].flags = before->flags;
+}
+
+static void rebuild_with_source(struct gn_fault_build *build)
+{
+    if (!gn_fault_is_update(build) && build->info.srcAccelerationStructure)
+        build->skip = true;
+}
+
 static const float far_away[3] = {1e30f, 1e30f, 1e30f};
 
 /* What leaves the bounds of the build before an update is not found any more. */
@@ -994,6 +1056,19 @@ static const struct gn_fault faults[] = {
     BUILD("update.second", "the second update in place is ignored", update_second_skipped),
     BUILD("update.tlas", "a top level structure stays as it is when it is updated", update_tlas_skipped),
     GEOMETRY("update.bounds", "an update does not grow the bounds", refit_bounds),
+    GEOMETRY("update.first_vertex", "an update ignores firstVertex", update_first_vertex),
+    GEOMETRY("update.offset", "an update ignores primitiveOffset of triangles", update_offset),
+    GEOMETRY("update.transform_offset", "an update ignores transformOffset", update_transform_offset),
+    GEOMETRY("update.stride", "an update ignores vertexStride", update_stride),
+    GEOMETRY("update.indices", "an update cuts 32-bit indices to 16 bits", update_indices),
+    GEOMETRY("update.format", "an update of other formats than R32G32B32_SFLOAT is ignored", update_format),
+    GEOMETRY("update.aabb_stride", "an update ignores the stride of AABBs", update_aabb_stride),
+    GEOMETRY("update.aabb_offset", "an update ignores primitiveOffset of AABBs", update_aabb_offset),
+    BUILD("update.instance_offset", "an update ignores primitiveOffset of instances", update_instance_offset),
+    BUILD("update.pointers", "an update reads arrays of pointers from the end", update_pointers),
+    INSTANCE("update.mask_zero", "an instance whose mask was 0 stays invisible", update_mask_zero),
+    INSTANCE("update.instance_flags", "an update keeps the instances' flags", update_flags),
+    BUILD("build.source", "a full build with a source is ignored", rebuild_with_source),
     INSTANCE("update.instance_ids", "an update keeps the instances' ids", update_keeps_ids),
     INSTANCE("update.instance_masks", "an update keeps the instances' masks and flags", update_keeps_masks),
     INSTANCE("update.instance_references", "an update keeps the instances' structures", update_keeps_references),
@@ -1059,6 +1134,8 @@ static const struct gn_fault faults[] = {
     SHADER("hit.ids_of_candidate", "the committed ids are the candidate's",
            {{SpvOpRayQueryGetIntersectionPrimitiveIndexKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0, 0},
             {SpvOpRayQueryGetIntersectionInstanceCustomIndexKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0, 0}}),
+    SHADER("hit.positions_of_candidate", "the committed positions are the candidate's",
+           {{SpvOpRayQueryGetIntersectionTriangleVertexPositionsKHR, 0, 0, GN_FAULT_SET_INTERSECTION, 0, 0}}),
     SHADER("hit.barycentrics_swapped", "the barycentrics are swapped",
            {{SpvOpRayQueryGetIntersectionBarycentricsKHR, 0, 0, GN_FAULT_SWAP_XY, 0, 0}}),
     SHADER("hit.facing", "front and back are swapped",
@@ -1097,6 +1174,19 @@ static const struct {
     {"aabbs.offset", "*.aabbs.list_offset"},
     {"update.bounds", "*.update.boxes.from_afar"},
     {"build.rebuild", "*.update.late.rebuild"},
+    {"update.first_vertex", "*.builds.device.*"},
+    {"update.offset", "*.builds.device.*"},
+    {"update.transform_offset", "*.builds.device.*"},
+    {"update.stride", "*.builds.device.*"},
+    {"update.indices", "*.update.indices.wide"},
+    {"update.format", "*.update.formats.*"},
+    {"update.aabb_*", "*.update.boxes.stride_offset"},
+    {"update.instance_offset", "*.builds.device.*"},
+    {"update.pointers", "*.builds.device.*"},
+    {"update.mask_zero", "*.update.instances.from_mask_0"},
+    {"update.instance_flags", "*.update.instances.flags"},
+    {"build.source", "*.update.rebuild.*"},
+    {"hit.positions_of_candidate", "query.positions.refusals"},
     {"stages.*", "query.stages.*"},
     {"read_back.*", "query.transforms.detail.*"},
     {"vertices.cracks", "query.watertight.*.edge*"},
