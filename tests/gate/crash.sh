@@ -21,7 +21,7 @@ few=query.flags.cull_back.plain
 gate() {
     name=$1 wanted=$2 new=$3 old=$4
     shift 4
-    "$gnomon" gate --driver "$new" --against "$old" --reruns 0 --out gate "$@" >said 2>err </dev/null
+    "$gnomon" gate --driver "$new" --against "$old" --reruns 0 --time-budget 1000 --out gate "$@" >said 2>err </dev/null
     status=$?
     [ "$status" = "$wanted" ] || fail "$name: expected status $wanted, found $status: $(cat said err)"
     found=$("$reader" gate) || fail "$name: $found"
