@@ -218,6 +218,7 @@ struct gn_structures_plan {
     struct gn_pool *ranges; /* what indirect builds read; likewise, after all */
     enum gn_cts_commands builds, copies;
     bool separate_builds;
+    bool keep_sources;
     bool only_first, only_steps; /* the first builds alone, or what comes after them */
     /* Of a TLAS: what it refers to. They move when it is relocated. */
     struct gn_structure *blases;

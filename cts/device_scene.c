@@ -623,6 +623,7 @@ enum gn_device_status gn_scene_build(struct gn_device *device, const struct gn_c
         .builds = scene->blas_builds,
         .copies = scene->copies,
         .separate_builds = scene->separate_builds,
+        .keep_sources = scene->keep_sources,
         .only_first = scene->late_steps,
     };
 

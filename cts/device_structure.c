@@ -88,6 +88,15 @@ static void poison(struct gn_device *device, const struct gn_memory *memory)
     vkCmdFillBuffer(device->commands, memory->buffer, memory->offset, memory->size, GN_POISON_WORD);
 }
 
+static void address_find(struct gn_device *device, struct gn_structure *structure)
+{
+    const VkAccelerationStructureDeviceAddressInfoKHR info = {
+        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR,
+        .accelerationStructure = structure->handle,
+    };
+    structure->address = device->GetAccelerationStructureDeviceAddressKHR(device->handle, &info);
+}
+
 static enum gn_device_status handle_create(const struct steps_run *run, struct gn_structure *structure,
                                            VkDeviceSize size)
 {
@@ -110,12 +119,8 @@ static enum gn_device_status handle_create(const struct steps_run *run, struct g
         structure->handle = VK_NULL_HANDLE;
         return status;
     }
-    const VkAccelerationStructureDeviceAddressInfoKHR address_info = {
-        .sType = VK_STRUCTURE_TYPE_ACCELERATION_STRUCTURE_DEVICE_ADDRESS_INFO_KHR,
-        .accelerationStructure = structure->handle,
-    };
     structure->size = size;
-    structure->address = device->GetAccelerationStructureDeviceAddressKHR(device->handle, &address_info);
+    address_find(device, structure);
     return GN_DEVICE_OK;
 }
 
@@ -127,6 +132,20 @@ static enum gn_device_status handle_replace(const struct steps_run *run, struct 
     structure->source_memory = structure->memory;
     structure->handle = VK_NULL_HANDLE;
     return handle_create(run, structure, size);
+}
+
+/* The source goes on in place of its copy, which takes the source's. */
+static void source_keep(struct gn_device *device, struct gn_structure *structure)
+{
+    const VkAccelerationStructureKHR copied = structure->handle;
+    const struct gn_memory memory = structure->memory;
+    structure->handle = structure->source;
+    structure->memory = structure->source_memory;
+    structure->source = copied;
+    structure->source_memory = memory;
+    structure->size = structure->size_before_compaction;
+    structure->compacted = false;
+    address_find(device, structure);
 }
 
 static void source_destroy(struct gn_device *device, struct gn_structure *structure)
@@ -767,7 +786,7 @@ static enum gn_device_status restore_one(const struct steps_run *run, struct gn_
                                          enum gn_cts_step step)
 {
     struct gn_device *device = run->device;
-    if (!step_serializes(step)) {
+    if (!step_serializes(step) || run->plan->keep_sources) {
         return GN_DEVICE_OK;
     }
     VkCopyMemoryToAccelerationStructureInfoKHR info = {
@@ -784,7 +803,7 @@ static enum gn_device_status restore_one(const struct steps_run *run, struct gn_
     return GN_DEVICE_OK;
 }
 
-/* Phase 3: sources are destroyed and their memory poisoned; what was serialized is made anew. */
+/* Phase 3: sources (or copies, where sources are kept) are destroyed and their memory poisoned; what was serialized is made anew. */
 static enum gn_device_status phase_finish(struct steps_run *run)
 {
     struct gn_device *device = run->device;
@@ -798,6 +817,9 @@ static enum gn_device_status phase_finish(struct steps_run *run)
         struct serialized_head head;
         if ((status = serialized_check(run, structure, &head)) != GN_DEVICE_OK) {
             return status;
+        }
+        if (run->plan->keep_sources) {
+            continue;
         }
         VkDeviceSize size = head.deserialized_size;
         if (step == GN_CTS_STEP_SERIALIZE_OVER && size < structure->sizes.accelerationStructureSize) {
@@ -814,11 +836,14 @@ static enum gn_device_status phase_finish(struct steps_run *run)
     }
     for (uint32_t i = 0; i < run->count; i++) {
         struct gn_structure *structure = &run->structures[i];
-        if (step_serializes(step_of(structure, run->step))) {
+        if (step_serializes(step_of(structure, run->step)) && !run->plan->keep_sources) {
             poison(device, &structure->memory);
             poison(device, &structure->scratch);
         }
         if (structure->source) {
+            if (run->plan->keep_sources) {
+                source_keep(device, structure);
+            }
             source_destroy(device, structure);
             poison(device, &structure->source_memory);
         }

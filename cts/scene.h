@@ -115,6 +115,7 @@ struct gn_cts_scene {
     /* The BLASes take their steps once the TLAS is built, and the TLAS takes its own after: theirs must leave them where
      * they are, and one of its own must read them again. */
     bool late_steps;
+    bool keep_sources; /* copies are destroyed in place of what they are of; nothing is relocated or written over */
     bool separate_builds; /* one vkCmdBuild call per BLAS rather than one for all */
     enum gn_cts_commands blas_builds, tlas_builds, copies; /* updates are builds, size queries copies */
 };

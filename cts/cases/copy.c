@@ -11,6 +11,8 @@
 #define SPEC_SERIALIZE                                                                                       \
     "a structure that was serialized and deserialized is like its source (Vulkan: "                          \
     "vkCmdCopyAccelerationStructureToMemoryKHR, vkCmdCopyMemoryToAccelerationStructureKHR)"
+#define SPEC_SOURCE                                                                                          \
+    "a copy leaves its source as it was (Vulkan: Copying Acceleration Structures)"
 #define SPEC_CHAIN "a copy can be copied or updated again (Vulkan: Copying Acceleration Structures)"
 #define SPEC_OVER "a copy replaces what its destination held (Vulkan: Copying Acceleration Structures)"
 #define SPEC_RELOCATE                                                                                        \
@@ -34,6 +36,7 @@ struct params {
     uint8_t tlas_steps[GN_CTS_MAX_STEPS];
     bool generic, tlas_generic;
     bool boxes;
+    bool source; /* is traced, rather than the copy */
     bool inactive; /* some triangles of one BLAS */
 };
 
@@ -115,6 +118,7 @@ static void copy(struct gn_case_run *run, const struct gn_case *self)
     struct gn_cts_scene scene = gn_scene_make(blases, blas_count, instances, instance_count);
     scene.tlas_build_flags = params->tlas_flags;
     scene.tlas_generic = params->tlas_generic;
+    scene.keep_sources = params->source;
     scene.initial_instances = gn_steps_take_both(params->tlas_steps) ? initial : NULL;
     steps_take(scene.tlas_steps, params->tlas_steps);
 
@@ -151,6 +155,9 @@ static void head(struct gn_case_run *run, const struct gn_case *self)
     {                                                                                                        \
         "copy." label, spec, copy, &(const struct params){__VA_ARGS__}, 0                                    \
     }
+#define SOURCE(label, bits, ...)                                                                             \
+    CASE("source_kept." label, SPEC_SOURCE, .flags = bits, .steps = {__VA_ARGS__}, .tlas_flags = bits,       \
+         .tlas_steps = {__VA_ARGS__}, .source = true)
 static const struct gn_case cases[] = {
     CASE("none",
          "what the copies are compared with: the same scenes without one (Vulkan: Building Acceleration "
@@ -171,6 +178,12 @@ static const struct gn_case cases[] = {
     CASE("serialize.boxes", SPEC_SERIALIZE, .steps = {SERIALIZE}, .boxes = true),
     {"copy.head", "serialized data begin with the driverUUID (Vulkan: vkCmdCopyAccelerationStructureToMemoryKHR)", head, NULL,
      0},
+    SOURCE("clone", 0, CLONE),
+    SOURCE("compact", COMPACTION, COMPACT),
+    SOURCE("serialize", 0, SERIALIZE),
+    SOURCE("refit_copy", UPDATE, REFIT_COPY, REFIT),
+    CASE("source_kept.boxes", SPEC_SOURCE, .flags = COMPACTION, .steps = {CLONE, COMPACT, SERIALIZE}, .boxes = true,
+         .source = true),
     CASE("over.clone", SPEC_OVER, .steps = {GN_CTS_STEP_CLONE_OVER}, .tlas_steps = {GN_CTS_STEP_CLONE_OVER}),
     CASE("over.clone_boxes", SPEC_OVER, .steps = {GN_CTS_STEP_CLONE_OVER}, .boxes = true),
     CASE("over.serialize", SPEC_OVER, .steps = {GN_CTS_STEP_SERIALIZE_OVER},

@@ -838,6 +838,14 @@ static void tail_lost(const struct gn_fault_structure *from, struct gn_fault_str
         memset(to->bytes + to->size - 64, 0, 64);
 }
 
+static void source_emptied(const struct gn_fault_structure *from, struct gn_fault_structure *to,
+                           VkCopyAccelerationStructureModeKHR mode)
+{
+    (void)to, (void)mode;
+    if (from->bytes)
+        memset(from->bytes, 0, from->size);
+}
+
 static void clone_tail_lost(const struct gn_fault_structure *from, struct gn_fault_structure *to,
                             VkCopyAccelerationStructureModeKHR mode)
 {
@@ -1085,6 +1093,7 @@ static const struct gn_fault faults[] = {
     {.name = "compact.first", .text = "compaction takes what the first build gave", .copied = compact_first},
     {.name = "compact.size", .text = "the compacted size is larger than the structure", .query = compacted_size_grown},
     {.name = "compact.size_zero", .text = "the compacted size is 0", .query = compacted_size_zero},
+    {.name = "copy.source", .text = "a copy empties its source", .copied = source_emptied},
     {.name = "clone.tail", .text = "a clone lacks the last 64 bytes", .copied = clone_tail_lost},
     {.name = "clone.first", .text = "a clone is what the first build gave", .copied = clone_first},
     {.name = "serialize.size", .text = "the serialized size is 8 bytes short", .query = serialized_size_short},
@@ -1186,6 +1195,7 @@ static const struct {
     {"update.mask_zero", "*.update.instances.from_mask_0"},
     {"update.instance_flags", "*.update.instances.flags"},
     {"build.source", "*.update.rebuild.*"},
+    {"copy.source", "*.copy.source_kept.*"},
     {"hit.positions_of_candidate", "query.positions.refusals"},
     {"stages.*", "query.stages.*"},
     {"read_back.*", "query.transforms.detail.*"},
