@@ -244,6 +244,20 @@ static bool check_file(const char *path, char *out_error, size_t error_size)
     return false;
 }
 
+bool gn_model_size_check(const char *path, const double low[3], const double high[3], char *out_error, size_t error_size)
+{
+    double size = 0;
+    for (int c = 0; c < 3; c++)
+        size = fmax(size, high[c] - low[c]);
+    if (size > 1e-30 && size < 1e17 && fabs(low[0]) + fabs(low[1]) + fabs(low[2]) < 1e17)
+        return true;
+    snprintf(out_error, error_size,
+             "%s: it is %g in size, from %g %g %g on; expected a size between 1e-30 and 1e17, and no coordinate beyond "
+             "1e17: Embree sees nothing there",
+             path, size, low[0], low[1], low[2]);
+    return false;
+}
+
 bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, struct gn_model *out,
                    char *out_error, size_t error_size)
 {
@@ -292,7 +306,7 @@ bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, str
     else if (source.late || (WIFSIGNALED(status) && WTERMSIG(status) == SIGXCPU))
         snprintf(out_error, error_size, "%s: not read within %g seconds; it was %s", path, seconds, doing);
     else if (WIFSIGNALED(status))
-        snprintf(out_error, error_size, "%s: malformed: its reader crashed (%s) while %s", path,
+        snprintf(out_error, error_size, "%s: the reader crashed on it (%s) while %s", path,
                  strsignal(WTERMSIG(status)), doing);
     else
         snprintf(out_error, error_size, "%s: malformed: its reader gave up while %s", path, doing);

@@ -36,6 +36,9 @@ bool gn_model_is_file_name(const char *name);
 bool gn_model_read(const char *path, double seconds, struct gn_arena *arena, struct gn_model *out,
                    char *out_error, size_t error_size);
 
+/* Whether tracing can be compared there: Embree sees nothing beyond, and a model in one point has no size to stand back by. */
+bool gn_model_size_check(const char *path, const double low[3], const double high[3], char *out_error, size_t error_size);
+
 /*
  * The child's part (accuracy_model_child.c): reads the file and writes the meshes to the descriptor. `stage`
  * is memory that the parent sees too: what is being done, for the message after a crash. Does not return.

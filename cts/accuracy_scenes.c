@@ -179,15 +179,8 @@ bool gn_accuracy_scene_load(struct gn_accuracy_scene *scene, const char *name, b
     bounds_of(scene, low, high);
     for (int c = 0; c < 3; c++)
         size = fmax(size, high[c] - low[c]);
-    /* Embree's limit, beyond which its tiers see nothing; and a model in one point has no size to stand back
-     * by. */
-    if (!(size > 1e-30) || !(size < 1e17) || !(fabs(low[0]) + fabs(low[1]) + fabs(low[2]) < 1e17)) {
-        snprintf(out_error, error_size,
-                 "%s: it is %g in size, from %g %g %g on; expected a size between 1e-30 and 1e17, and no coordinate beyond "
-                 "1e17: Embree, which it is compared with, sees nothing there",
-                 name, size, low[0], low[1], low[2]);
+    if (!gn_model_size_check(name, low, high, out_error, error_size))
         return false;
-    }
     scene->distance = 1.5 * size;
     return true;
 }

@@ -254,13 +254,25 @@ static bool trace_reference(struct painter *painter, const struct gn_cts_ray *ra
         for (int64_t h = 0; h < found && h < MOST_HITS; h++) {
             const struct hit one = {true,        hits[h].instance, hits[h].geometry, hits[h].primitive, hits[h].t,
                                     hits[h].beta, hits[h].gamma,    hits[h].type == GN_REF_AABBS};
+            const struct hit before = out[i];
             if (painter->lists)
                 candidate(painter, &rays[i].ray, &one, &out[i]);
             else
                 out[i] = one;
+            /* The list is in the order of exact t, which its numbers need not keep where that is close or the same. */
+            if (before.found && !before.sphere && !one.sphere)
+                out[i] = before;
         }
     }
     return true;
+}
+
+/* The list of what a ray meets and the nearest of it may give t with other bits: what is shaded has the nearest f64 of the exact one. */
+static void sharpen(const struct painter *painter, const struct gn_ref_ray *ray, struct hit *inout)
+{
+    struct gn_ref_hit hit = {.instance = inout->instance, .geometry = inout->geometry, .primitive = inout->primitive};
+    if (gn_ref_hit_refine_exact(painter->reference, ray, &hit))
+        inout->t = hit.t;
 }
 
 static struct gn_cts_ray ray_make(const struct painter *painter, const double origin[3], const double direction[3],
@@ -584,6 +596,8 @@ static bool paint(struct painter *painter)
         for (size_t i = 0; i < wave.count && ok; i++) {
             float light[3];
             sky(painter->scene, wave.list[i].direction, light);
+            if (hits[i].found && painter->reference && !hits[i].sphere)
+                sharpen(painter, &rays[i].ray, &hits[i]);
             if (hits[i].found)
                 scatter(painter, &next, depth, &wave.list[i], &hits[i], &lights);
             else

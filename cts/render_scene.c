@@ -239,6 +239,8 @@ bool gn_render_make_model(struct gn_arena *arena, const char *path, struct gn_re
             }
         }
     }
+    if (!gn_model_size_check(path, low, high, out_error, error_size))
+        return false;
     for (int a = 0; a < 3; a++)
         size = fmax(size, high[a] - low[a]);
     struct gn_render_light *light = GN_NEW(arena, struct gn_render_light, 1);

@@ -549,12 +549,21 @@ static bool tree_allocate(struct builder *builder, uint64_t node_count, uint64_t
     return true;
 }
 
+void gn_ref_bvh_device_refused(char *error, size_t error_size)
+{
+    const enum RTCError code = rtcGetDeviceError(NULL);
+    if (code == RTC_ERROR_OUT_OF_MEMORY)
+        snprintf(error, error_size, "out of memory: Embree gives no device");
+    else
+        snprintf(error, error_size, "Embree gives no device (error %d)", (int)code);
+}
+
 struct RTCDeviceTy *gn_ref_bvh_device_create(char *error, size_t error_size)
 {
     /* One thread: the tree is the same everywhere, and nothing runs on when a process forks. */
     RTCDevice device = rtcNewDevice("threads=1,verbose=0");
     if (!device)
-        snprintf(error, error_size, "Embree gives no device (error %d)", (int)rtcGetDeviceError(NULL));
+        gn_ref_bvh_device_refused(error, error_size);
     return device;
 }
 

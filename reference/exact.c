@@ -426,7 +426,10 @@ void gn_ref_ratio_set_f64(struct gn_ref_ratio *out, double value)
     out->exponent = value == 0 ? 0 : exponent;
 }
 
-/* 55 or 56 bits of the quotient, then a bit that says whether anything is left, are what the conversion rounds. */
+/*
+ * 55 or 56 bits of the quotient, then a bit that says whether anything is left, are what the conversion rounds. Where the least f64 is above
+ * them, only two bits below it are kept and the same is said of the rest, so that ldexp() does not round what is rounded.
+ */
 double gn_ref_quotient_f64(mpz_t scratch[3], mpz_srcptr numerator, mpz_srcptr denominator, long exponent)
 {
     if (mpz_sgn(numerator) == 0)
@@ -435,12 +438,17 @@ double gn_ref_quotient_f64(mpz_t scratch[3], mpz_srcptr numerator, mpz_srcptr de
     mpz_mul_2exp(scratch[0], shift >= 0 ? numerator : denominator, (mp_bitcnt_t)labs(shift));
     mpz_tdiv_qr(scratch[1], scratch[2], shift >= 0 ? scratch[0] : numerator, shift >= 0 ? denominator : scratch[0]);
     uint64_t bits = (uint64_t)mpz_get_ui(scratch[1]) << 1 | (mpz_sgn(scratch[2]) != 0);
-    double mantissa = mpz_sgn(numerator) < 0 ? -(double)bits : (double)bits;
     long total = exponent - shift - 1;
     if (total > 2000)
         total = 2000;
-    if (total < -2000)
-        total = -2000;
+    if (total < -1136)
+        total = -1136;
+    if (total < -1076) {
+        const int below = (int)(-1076 - total);
+        bits = bits >> below | ((bits & ((UINT64_C(1) << below) - 1)) != 0);
+        total = -1076;
+    }
+    double mantissa = mpz_sgn(numerator) < 0 ? -(double)bits : (double)bits;
     return ldexp(mantissa, (int)total);
 }
 

@@ -282,6 +282,8 @@ struct gn_ref_bvh_input {
 };
 /* Embree's, of one thread; NULL, with a message, when there is none. */
 struct RTCDeviceTy *gn_ref_bvh_device_create(char *error, size_t error_size);
+/* Why there is none, after rtcNewDevice() gave none on this thread. */
+void gn_ref_bvh_device_refused(char *error, size_t error_size);
 void gn_ref_bvh_device_release(struct RTCDeviceTy *device);
 /* False, with a message, when memory is short. */
 bool gn_ref_bvh_build(struct gn_ref_bvh *out, const struct gn_ref_bvh_input *input, struct RTCDeviceTy *device, char *error,
@@ -341,14 +343,16 @@ int gn_ref_ratio_compare(struct gn_ref_exact *exact, const struct gn_ref_ratio *
 void gn_ref_ratio_set(struct gn_ref_ratio *out, const struct gn_ref_ratio *in);
 void gn_ref_ratio_set_f64(struct gn_ref_ratio *out, double value);
 /*
- * numerator / denominator * 2^exponent, denominator > 0, rounded to nearest, once, where that is a normal f64. Neither may be
- * one of the scratch numbers.
+ * numerator / denominator * 2^exponent, denominator > 0, rounded to nearest, once. Neither may be one of the scratch numbers.
  */
 double gn_ref_quotient_f64(mpz_t scratch[3], mpz_srcptr numerator, mpz_srcptr denominator, long exponent);
-/* What such a number is wrong by: half an ulp, and nothing known of what is beyond f64's range. */
+/*
+ * What such a number is wrong by: half an ulp, of small ones the least f64 (which half an ulp there is below), of 0 as well, which is
+ * what underflows; and nothing known of what is beyond f64's range.
+ */
 static inline double gn_ref_rounding_error(double value)
 {
-    return 0x1p-53 * fabs(value);
+    return fmax(0x1p-53 * fabs(value), 0x1p-1074);
 }
 double gn_ref_ratio_f64(struct gn_ref_exact *exact, const struct gn_ref_ratio *a);
 /* An interval that contains it. */

@@ -62,8 +62,12 @@ struct gn_ref_ray {
  * rays: none is exceeded; those of f64, made for the worst case, are in the median of every family less than 512 times (t) and 1,024
  * times (barycentrics) what the number is wrong by. gn_ref_hit_refine_exact() of tracer.h gives half an ulp for any hit.
  *
- * A t beyond f64's range (no input of f32 vertices and f32 transforms has one below 2^-1000 or above 2^1000
- * except 0) comes out as infinite, and its bound with it, or 0.
+ * A bound of integers is 2^-1074, the least f64, where half an ulp is below that: so a number that is too small for f64 comes out as 0
+ * with that bound, as an exact 0 does. f64 vertices have such a t, and f32 ones placed by a transform of the geometry and one
+ * of the instance. A t too large for f64 comes out as infinite, and its bound with it.
+ *
+ * The same hit found by another function may have been computed in another of these ways: its t and barycentrics then differ, within
+ * both bounds. Equal bits are promised for a batch against its rays alone, and by gn_ref_hit_refine_exact().
  */
 struct gn_ref_hit {
     enum gn_ref_geometry_type type;

@@ -154,11 +154,11 @@ void gn_ref_record_finish(const struct gn_ref_scene *scene, struct gn_ref_record
     record->sbt_offset = instance->sbt_offset;
 }
 
-void gn_ref_hit_set_rounding_errors(struct gn_ref_hit *hit)
+void gn_ref_hit_set_rounding_errors(struct gn_ref_hit *hit, bool triangle)
 {
     hit->t_error = gn_ref_rounding_error(hit->t);
     hit->t_exit_error = gn_ref_rounding_error(hit->t_exit);
-    hit->barycentric_error = gn_ref_rounding_error(fmax(fabs(hit->beta), fabs(hit->gamma)));
+    hit->barycentric_error = triangle ? gn_ref_rounding_error(fmax(fabs(hit->beta), fabs(hit->gamma))) : 0;
 }
 
 int gn_ref_hit_compare_ids(const struct gn_ref_hit *a, const struct gn_ref_hit *b)

@@ -98,7 +98,7 @@ enum gn_ref_outcome {
  * A hit. What its numbers may be wrong by is in it (hit.t_error, hit.t_exit_error, hit.barycentric_error), too:
  *
  * CERTIFIED: bounds derived for this very hit; struct gn_ref_hit (trace.h) says from what and how large. EXACT: 2^-53 of the
- * number, a quotient of integers that is rounded once. FAST, ROBUST, DOUBLE: infinite, nothing is promised. 0 for numbers that are
+ * number (2^-1074 at least), a quotient of integers that is rounded once. FAST, ROBUST, DOUBLE: infinite, nothing is promised. 0 for numbers that are
  * 0 by definition (the barycentrics of a box), infinite for a t that f64 has no number for.
  *
  * `hit` is all zero when the outcome is not GN_REF_HIT.
@@ -118,7 +118,7 @@ enum gn_ref_outcome gn_ref_tracer_closest(const struct gn_ref_tracer *tracer, co
 enum gn_ref_outcome gn_ref_tracer_occluded(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray);
 
 /*
- * All hits in order. At most `capacity` are written, the nearest ones; how many there are is returned, or an outcome
+ * All hits in order; the first is that of gn_ref_tracer_closest(), whose numbers may differ within their bounds. At most `capacity` are written, the nearest ones; how many there are is returned, or an outcome
  * below 0. out_records may be NULL when capacity is 0.
  */
 int64_t gn_ref_tracer_all(const struct gn_ref_tracer *tracer, const struct gn_ref_ray *ray,
@@ -141,7 +141,7 @@ void gn_ref_tracer_all_batch(const struct gn_ref_tracer *tracer, const struct gn
 
 /*
  * What a shader can ask for beside the record. Each number is the exact one, a quotient of integers, rounded once to the nearest f64: wrong by
- * half an ulp, 2^-53 of its magnitude, at most, whatever the tier of the hit. Matrices are 3 rows of 4.
+ * half an ulp, 2^-53 of its magnitude or 2^-1075, at most, whatever the tier of the hit. Matrices are 3 rows of 4.
  */
 struct gn_ref_hit_detail {
     float world_from_object[12]; /* the instance's transform, bit by bit: no error */
@@ -162,8 +162,8 @@ bool gn_ref_hit_detail_exact(const struct gn_ref_scene *scene, const struct gn_r
                              const struct gn_ref_hit *hit, struct gn_ref_hit_detail *out_detail);
 
 /*
- * Puts the exact t, t_exit, beta and gamma, rounded once to the nearest f64, in place of those of a hit, and half an ulp of theirs in place
- * of its bounds, whatever the tier of the hit; nothing else in it is looked at or changed but the ids. False, and the hit as it was, as above and
+ * Puts the exact t, t_exit, beta and gamma, rounded once to the nearest f64, in place of those of a hit, and half an ulp of theirs (2^-1074 at least) in
+ * place of its bounds, whatever the tier of the hit; nothing else in it is looked at or changed but the ids. False, and the hit as it was, as above and
  * where the ray's line is parallel to the triangle or the ray misses the box. Some microseconds.
  */
 bool gn_ref_hit_refine_exact(const struct gn_ref_scene *scene, const struct gn_ref_ray *ray, struct gn_ref_hit *hit);

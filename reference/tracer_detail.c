@@ -172,7 +172,7 @@ bool gn_ref_hit_refine_exact(const struct gn_ref_scene *scene, const struct gn_r
         hit->t_exit = triangle ? hit->t : gn_ref_ratio_f64(&exact, &exact.t_exit);
         hit->beta = triangle ? gn_ref_exact_barycentric(&exact, 1) : 0;
         hit->gamma = triangle ? gn_ref_exact_barycentric(&exact, 2) : 0;
-        gn_ref_hit_set_rounding_errors(hit);
+        gn_ref_hit_set_rounding_errors(hit, triangle);
     }
     gn_ref_exact_finish(&exact);
     gn_ref_environment_leave(&environment);

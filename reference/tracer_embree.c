@@ -341,8 +341,14 @@ static bool embree_create(struct gn_ref_tracer *tracer, bool robust)
         embree->blases[scene->blas_count] = (RTCScene)embree;
     /* One thread, as the certified tree is built: comparable, and nothing runs on when a process forks. */
     embree->device = rtcNewDevice("threads=1,verbose=0");
-    if (!embree->boxes || !embree->blases || !embree->device) {
-        gn_ref_tracer_fail(tracer, "Embree gives no device (error %d), or out of memory", (int)rtcGetDeviceError(NULL));
+    if (!embree->boxes || !embree->blases) {
+        gn_ref_tracer_fail(tracer, "out of memory");
+        goto out;
+    }
+    if (!embree->device) {
+        char why[80];
+        gn_ref_bvh_device_refused(why, sizeof why);
+        gn_ref_tracer_fail(tracer, "%s", why);
         goto out;
     }
     if (!rtcGetDeviceProperty(embree->device, RTC_DEVICE_PROPERTY_RAY_MASK_SUPPORTED)) {

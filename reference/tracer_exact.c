@@ -190,7 +190,7 @@ static int compare_placed(struct search *search, const struct placed *a, const s
 static bool accept(struct search *search, struct gn_ref_record *record)
 {
     struct placed placed = {.record = *record};
-    gn_ref_hit_set_rounding_errors(&placed.record.hit);
+    gn_ref_hit_set_rounding_errors(&placed.record.hit, record->hit.type == GN_REF_TRIANGLES);
     gn_ref_record_finish(search->tracer->scene, &placed.record);
     mpz_init(placed.place.numerator);
     mpz_init(placed.place.denominator);

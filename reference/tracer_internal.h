@@ -51,7 +51,7 @@ void gn_ref_record_finish(const struct gn_ref_scene *scene, struct gn_ref_record
 
 /* The order of instance, geometry, primitive. */
 /* The bounds of numbers that are exact ones rounded once. */
-void gn_ref_hit_set_rounding_errors(struct gn_ref_hit *hit);
+void gn_ref_hit_set_rounding_errors(struct gn_ref_hit *hit, bool triangle);
 int gn_ref_hit_compare_ids(const struct gn_ref_hit *a, const struct gn_ref_hit *b);
 /* By `place` (t, or a box's entry clipped to tmin), then by ids; keeps the nearest `capacity`. */
 struct gn_ref_placed {

@@ -117,10 +117,55 @@ static void wrong_usage_is_refused(void **state)
     }
 }
 
+/* A model in a folder of its own, `effects --light` of it without a driver, and what that says. */
+static char *light(const char *name, const char *model, int *out_status)
+{
+    char folder[] = "/tmp/gnomon-light-XXXXXX", arguments[256], path[64], command[64];
+    assert_non_null(mkdtemp(folder));
+    snprintf(path, sizeof path, "%s/%s", folder, name);
+    FILE *file = fopen(path, "w");
+    assert_non_null(file);
+    fputs(model, file);
+    fclose(file);
+    snprintf(arguments, sizeof arguments,
+             "--light --driver none --no-curves --runs 1 --width 120 --height 90 --samples 2 --depth 3 --out %s/page %s", folder,
+             path);
+    char *text = run(arguments, out_status);
+    snprintf(command, sizeof command, "rm -r %s", folder);
+    assert_int_equal(system(command), 0);
+    return text;
+}
+
+static void a_model_keeps_its_picture(void **state)
+{
+    (void)state;
+    int status;
+    char *text = light("one.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nf 1 2 3\n", &status);
+    if (status != 0)
+        fail_msg("expected 0, found %d: %s", status, text);
+    free(text);
+}
+
+static void a_model_without_size_is_refused(void **state)
+{
+    (void)state;
+    static const char *const rows[] = {"v 1 2 3\nv 1 2 3\nv 1 2 3\nf 1 2 3\n",
+                                       "v 0 0 0\nv 1e-42 0 0\nv 0 1e-42 0\nf 1 2 3\n",
+                                       "v 0 0 0\nv 1e30 0 0\nv 0 1e30 0\nf 1 2 3\n"};
+    for (size_t i = 0; i < sizeof rows / sizeof rows[0]; i++) {
+        int status;
+        char *text = light("point.obj", rows[i], &status);
+        if (status != 2 || !strstr(text, "point.obj: it is ") || !strstr(text, " in size, from "))
+            fail_msg("expected 2 and the size, found %d: %s", status, text);
+        free(text);
+    }
+}
+
 int main(int argc, char **argv)
 {
     const struct CMUnitTest tests[] = {cmocka_unit_test(what_is_called_for), cmocka_unit_test(the_table_is_for_people),
-                                       cmocka_unit_test(wrong_usage_is_refused)};
+                                       cmocka_unit_test(wrong_usage_is_refused), cmocka_unit_test(a_model_keeps_its_picture),
+                                       cmocka_unit_test(a_model_without_size_is_refused)};
     if (argc < 2)
         return 2;
     program = argv[1];

@@ -202,6 +202,26 @@ static void malformed_files_are_told_with_their_place(void **state)
     }
 }
 
+/* A chain of nodes that is valid, and deeper than the library's recursion. */
+static void a_file_that_the_reader_dies_of_is_not_called_malformed(void **state)
+{
+    (void)state;
+    enum { NODES = 20000 };
+    char *text = malloc(NODES * 32 + 256), error[1024] = "";
+    struct gn_arena arena = {0};
+    struct gn_model model;
+    assert_non_null(text);
+    size_t length = (size_t)sprintf(text, "{\"asset\":{\"version\":\"2.0\"},\"scene\":0,\"scenes\":[{\"nodes\":[0]}],\"nodes\":[");
+    for (int i = 1; i < NODES; i++)
+        length += (size_t)sprintf(text + length, "{\"children\":[%d]},", i);
+    length += (size_t)sprintf(text + length, "{}]}");
+    assert_false(gn_model_read(write_file("deep.gltf", text, length), 0, &arena, &model, error, sizeof error));
+    if (!strstr(error, "deep.gltf: the reader crashed on it (") || strstr(error, "malformed"))
+        fail_msg("expected that the reader crashed, found '%s'", error);
+    free(text);
+    gn_arena_finish(&arena);
+}
+
 static void what_is_no_model_file_is_refused(void **state)
 {
     (void)state;
@@ -347,6 +367,7 @@ int main(void)
         cmocka_unit_test(valid_files_are_read_as_they_are),
         cmocka_unit_test(polygons_become_triangles),
         cmocka_unit_test(malformed_files_are_told_with_their_place),
+        cmocka_unit_test(a_file_that_the_reader_dies_of_is_not_called_malformed),
         cmocka_unit_test(what_is_no_model_file_is_refused),
         cmocka_unit_test(mutated_files_never_crash),
     };

@@ -157,9 +157,81 @@ static void numbers_fit_one_another(void **state)
     assert_true(checked > 1000);
 }
 
+/* One triangle, and a transform of its geometry (NULL: none) and of its instance. */
+static struct gn_ref_scene *triangle_scene(const double positions[3][3], const float *geometry_transform, float scale)
+{
+    static const uint32_t triangle[1][3] = {{0, 1, 2}};
+    const struct gn_ref_geometry geometry = {.primitive_count = 1, .positions = positions, .position_count = 3,
+                                             .divisor = 1, .triangles = triangle, .transform = geometry_transform};
+    struct gn_ref_instance instance = {.transform = {scale, 0, 0, 0, 0, scale, 0, 0, 0, 0, scale, 0}, .mask = 0xFF};
+    struct gn_ref_scene *scene = gn_ref_scene_create();
+    assert_true(gn_ref_scene_add_blas(scene, &geometry, 1, &instance.blas));
+    assert_true(gn_ref_scene_add_instance(scene, &instance));
+    assert_true(gn_ref_scene_commit(scene));
+    return scene;
+}
+
+/* Where f64 has few bits or none left, the bounds still hold what the number is wrong by. */
+static void bounds_hold_below_normal_numbers(void **state)
+{
+    (void)state;
+    /* x and z are 2^127 a, and a part of 2^-447 in one of them after the instance's 2^-149; y is 0 in the first two vertices. */
+    static const float apart[12] = {0x1p127f, 0x1p-149f, 0, 0, 0, 1, 1, -0x1p-149f, 0x1p127f, 0, 0x1p-149f, 0};
+    static const struct {
+        const char *what;
+        double positions[3][3];
+        const float *geometry_transform;
+        float scale, direction;
+        double t, beta; /* the nearest f64s of the exact values, neither of which is one */
+        bool t_tiny, weights_tiny;
+    } rows[] = {
+        {"t", {{-1, -1, 1e-310}, {1, -1, 1e-310}, {0, 1, 1e-310}}, NULL, 1, 3, 1e-310 / 3, 0.25, true, false},
+        {"t, f32 inputs", {{0x1p127, 0x1p-149, 0}, {-0x1p127, 0, 0x1p-149}, {0, 0x1p100, 0}}, apart, 0x1p-149f, 0x1p127f, 0, 0.5,
+         true, false},
+        {"t, just above", {{-1, -1, 0x1.8p-1022}, {1, -1, 0x1.8p-1022}, {0, 1, 0x1.8p-1022}}, NULL, 1, 5,
+         0x1.8p-1022 / 5, 0.25, true, false},
+        {"a weight", {{-1e-310, 0, 1}, {3, 0, 1}, {0, 1, 1}}, NULL, 1, 1, 1, 1e-310 / 3, false, true},
+    };
+    for (size_t r = 0; r < sizeof rows / sizeof rows[0]; r++) {
+        struct gn_ref_scene *scene = triangle_scene(rows[r].positions, rows[r].geometry_transform, rows[r].scale);
+        const struct gn_ref_ray ray = {.direction = {0, 0, rows[r].direction}, .tmax = INFINITY, .cull_mask = 0xFF};
+        struct gn_ref_record found[4] = {0};
+        struct gn_ref_hit *hits[5];
+        const char *const names[5] = {"certified", "certified, batch", "all", "exact", "refined"};
+        struct gn_ref_hit refined = {0};
+        char error[320];
+        int8_t met;
+        assert_true(gn_ref_hit_refine_exact(scene, &ray, &refined));
+        hits[4] = &refined;
+        for (int i = 0; i < 4; i++)
+            hits[i] = &found[i].hit;
+        assert_int_equal(gn_ref_trace_closest_triangle_exact(scene, &ray, hits[0]), 1);
+        gn_ref_trace_closest_triangles_exact(scene, &ray, 1, hits[1], &met);
+        assert_int_equal(met, 1);
+        assert_int_equal(gn_ref_trace_all_exact(scene, &ray, hits[2], 1), 1);
+        struct gn_ref_tracer *tracer = gn_ref_tracer_create(scene, GN_REF_TIER_EXACT, error, sizeof error);
+        assert_non_null(tracer);
+        assert_int_equal(gn_ref_tracer_closest(tracer, &ray, &found[3]), GN_REF_HIT);
+        for (int i = 0; i < 5; i++) {
+            const struct gn_ref_hit *hit = hits[i];
+            if (fabs(hit->t - rows[r].t) > 0 && rows[r].t_tiny)
+                fail_msg("%s, %s: expected t %a, found %a", rows[r].what, names[i], rows[r].t, hit->t);
+            if (fabs(hit->beta - rows[r].beta) > 0 && rows[r].weights_tiny)
+                fail_msg("%s, %s: expected beta %a, found %a", rows[r].what, names[i], rows[r].beta, hit->beta);
+            if (rows[r].t_tiny && !(hit->t_error >= 0x1p-1074 && hit->t_error <= 0x1p-1070 && hit->t_exit_error == hit->t_error))
+                fail_msg("%s, %s: t is wrong by less than 2^-1074, found a bound of %a", rows[r].what, names[i], hit->t_error);
+            if (rows[r].weights_tiny && !(hit->barycentric_error >= 0x1p-1074))
+                fail_msg("%s, %s: a weight is wrong, found a bound of %a", rows[r].what, names[i], hit->barycentric_error);
+        }
+        gn_ref_tracer_destroy(tracer);
+        gn_ref_scene_destroy(scene);
+    }
+}
+
 int main(void)
 {
     const struct CMUnitTest tests[] = {
+        cmocka_unit_test(bounds_hold_below_normal_numbers),
         cmocka_unit_test(numbers_by_hand),
         cmocka_unit_test(numbers_fit_one_another),
     };
