@@ -135,7 +135,7 @@ static const char *bounded(struct oracle *oracle, size_t at, const struct gn_ref
             continue;
         double error = oracle_error(oracle, at, (enum oracle_number)n, values[n]);
         enum proof_numbers numbers = n == ORACLE_T || n == ORACLE_T_EXIT ? PROOF_LENGTHS : PROOF_BARYCENTRICS;
-        double most = numbers == PROOF_LENGTHS ? 0x1p-40 * fabs(values[n]) : 0x1p-40;
+        double most = numbers == PROOF_LENGTHS ? fmax(0x1p-40 * fabs(values[n]), 0x1p-1074) : 0x1p-40;
         if (isinf(values[n]))
             continue;
         if (rounded_once && values[n] != 0 && !(error <= half_ulp(values[n])))
