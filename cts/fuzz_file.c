@@ -122,6 +122,8 @@ static void put_scene(yyjson_mut_doc *doc, yyjson_mut_val *to, const struct gn_c
     put_uint(doc, tlas, "generic", from->tlas_generic);
     put_steps(doc, tlas, from->tlas_steps);
     put_uint(doc, tlas, "array_of_pointers", from->array_of_pointers);
+    put_uint(doc, tlas, "geometry_pointers", from->geometry_pointers);
+    put_uint(doc, tlas, "keep_sources", from->keep_sources);
     put_uint(doc, tlas, "instance_offset", from->instance_offset);
     put_uint(doc, tlas, "separate_builds", from->separate_builds);
     put_instances(doc, tlas, "instances", from->instances, from->instance_count);
@@ -375,6 +377,8 @@ static void get_scene(struct reader *reader, yyjson_val *from, struct gn_cts_sce
     out->tlas_generic = get_uint(reader, tlas, "generic", 1);
     get_steps(reader, tlas, out->tlas_steps);
     out->array_of_pointers = get_uint(reader, tlas, "array_of_pointers", 1);
+    out->geometry_pointers = get_uint(reader, tlas, "geometry_pointers", 1);
+    out->keep_sources = get_uint(reader, tlas, "keep_sources", 1);
     out->instance_offset = get_uint(reader, tlas, "instance_offset", MOST_OFFSET);
     out->separate_builds = get_uint(reader, tlas, "separate_builds", 1);
     out->instances = get_instances(reader, tlas, "instances", out->blas_count, &out->instance_count);
