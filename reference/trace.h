@@ -58,8 +58,8 @@ struct gn_ref_ray {
  *   pairs of f64, where that is beyond 2^-40.4       refine.c                   a little more than 2^-52 |t|, than 2^-53
  *   integers of any size, where no pairs will do     exact.c                    2^-53 |t|, 2^-53 of the larger one: half an ulp
  *
- * and never more than 2^-40 |t| and 2^-40. tests/reference/test_proof.c holds them against exact values over a million hard
- * rays: none is exceeded; those of f64, made for the worst case, are in the median of every family less than 512 times (t) and 1,024
+ * and never more than 2^-40 |t| and 2^-40, but for the 2^-1074 below. tests/reference/test_proof.c holds them against exact
+ * values over a million hard rays: none is exceeded; those of f64, made for the worst case, are in the median of every family less than 512 times (t) and 1,024
  * times (barycentrics) what the number is wrong by. gn_ref_hit_refine_exact() of tracer.h gives half an ulp for any hit.
  *
  * A bound of integers is 2^-1074, the least f64, where half an ulp is below that: so a number that is too small for f64 comes out as 0
